@@ -1,0 +1,1 @@
+"""Conformance suites a plugin author subclasses, and meshes to test on."""
