@@ -1,0 +1,116 @@
+"""Arrows point one way, and nothing heavy is imported before it is needed."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent
+CORE = REPOSITORY / "meshmark"
+PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
+HEAVY = ("pxr", "open3d", "sklearn", "potpourri3d", "pygeodesic", "ortools", "matplotlib")
+# The door is where open3d is imported, by name; nobody else does it.
+DOOR = CORE / "open3d_door.py"
+
+
+def modules_of(folder: Path) -> list[Path]:
+    """List a package's modules; an empty list would prove nothing."""
+    found = sorted(folder.rglob("*.py"))
+    assert found, f"no modules in {folder}"
+    return found
+
+
+def imports_of(path: Path, package_root: Path) -> Iterator[str]:
+    """Name every module a file imports, wherever in the file, as an absolute name."""
+    package = path.relative_to(package_root).parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module or "") if part)
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def within(name: str, package: str) -> bool:
+    return name == package or name.startswith(f"{package}.")
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Run a statement in a new interpreter and name the top-level modules it loaded."""
+    # A command leaves through SystemExit; what it loaded is told all the same.
+    program = (
+        "import sys\n"
+        f"try:\n    {statement}\n"
+        "except SystemExit as leaving:\n    assert not leaving.code, leaving.code\n"
+        "print('\\nloaded:', *sorted({name.partition('.')[0] for name in sys.modules}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.rpartition("loaded:")[2].split())
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import meshmark",
+        "import meshmark.cli; sys.argv = ['meshmark', '--help']; meshmark.cli.main()",
+    ],
+    ids=["import", "help"],
+)
+def test_nothing_heavy_is_imported_early(statement: str) -> None:
+    loaded = loaded_after(statement)
+    assert "meshmark" in loaded
+    assert loaded.isdisjoint(HEAVY)
+    assert "meshmark_plugins" not in loaded
+
+
+def test_core_never_imports_a_plugin() -> None:
+    assert not [
+        f"{path.relative_to(CORE)} imports {name}"
+        for path in modules_of(CORE)
+        for name in imports_of(path, REPOSITORY)
+        if within(name, "meshmark_plugins")
+    ]
+
+
+def test_only_the_command_line_imports_itself() -> None:
+    assert not [
+        f"{path.relative_to(CORE)} imports {name}"
+        for path in modules_of(CORE)
+        if not path.is_relative_to(CORE / "cli") and path.name != "__main__.py"
+        for name in imports_of(path, REPOSITORY)
+        if within(name, "meshmark.cli")
+    ]
+
+
+def test_plugins_know_neither_each_other_nor_the_command_line() -> None:
+    strangers = []
+    for path in modules_of(PLUGINS):
+        place = path.relative_to(PLUGINS)
+        own = f"meshmark_plugins.{place.parts[0].removesuffix('.py')}"
+        strangers += [
+            f"{place} imports {name}"
+            for name in imports_of(path, PLUGINS.parent)
+            if within(name, "meshmark.cli")
+            or (within(name, "meshmark_plugins") and not within(name, own))
+        ]
+    assert not strangers
+
+
+def test_open3d_is_imported_through_its_door() -> None:
+    assert not [
+        str(path.relative_to(REPOSITORY))
+        for path in modules_of(CORE) + modules_of(PLUGINS)
+        if path != DOOR
+        for name in imports_of(path, path.parent)
+        if within(name, "open3d")
+    ]
