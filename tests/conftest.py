@@ -1,0 +1,39 @@
+"""Fixtures that more than one test file asks for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """Folder of the reference assets, which are not part of the repository."""
+    folder = Path(os.environ.get("MESHMARK_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"reference assets are not at {folder}; set MESHMARK_DATA to their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def third_party_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder a stranger's segmenter distribution was installed into; put it on PYTHONPATH."""
+    site = tmp_path_factory.mktemp("site")
+    source = Path(__file__).parent / "third_party_segmenter"
+    # Without dependencies and isolation nothing is asked of a package index.
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--no-cache-dir"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, "--target", str(site), str(source)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return site
