@@ -1,0 +1,30 @@
+"""Built-in readers: sources that are not USD stages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from meshmark.hookspecs import ReaderRecord, hookimpl
+
+
+def _obj(**parameters: Any) -> Any:
+    from meshmark_plugins.readers.obj import ObjFrames
+
+    return ObjFrames(**parameters)
+
+
+RECORDS = [
+    ReaderRecord(
+        name="obj",
+        factory=_obj,
+        summary="a folder or pattern of OBJ files, one a frame, or a single OBJ file",
+        version="1",
+        parameters={},
+    ),
+]
+
+
+@hookimpl
+def meshmark_readers() -> list[ReaderRecord]:
+    """Offer the built-in readers."""
+    return list(RECORDS)

@@ -1,0 +1,214 @@
+"""Writes OBJ sequences: a marked copy of what was read, or a new one from any animation."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Asset, Frame, Topology
+from meshmark.errors import InputError, OutputError, UsageError
+from meshmark_plugins.readers.obj_files import find_frames, frame_times, is_single
+from meshmark_plugins.readers.obj_text import ObjText
+
+FloatArray = NDArray[np.float64]
+
+
+def write_marked(marked: Asset, original: Asset, output: Path) -> None:
+    """Write the original's OBJ files with the positions of a marked copy.
+
+    Only coordinates that changed are written anew, in as many digits as float32 needs; every
+    other byte of every file stays. A frame the marked copy does not hold (it was marked over
+    a range of frames only) is copied as it is.
+
+    Parameters
+    ----------
+    marked, original : Asset
+        One mesh each (none in `marked` if nothing was), the same vertices at the same times.
+    output : Path
+        A folder that does not exist yet or is empty; or, where the source is a single file, an
+        .obj file.
+
+    Raises
+    ------
+    OutputError
+        If the output cannot be written, or is a folder that holds something already.
+    UsageError
+        If an .obj file is asked for several frames, or the copy's vertices or times are not
+        the original's.
+    """
+    paths = find_frames(original.source)
+    single = is_single(original.source, paths)
+    contents = _marked_contents(marked, paths, [math.nan] if single else frame_times(paths))
+    if output.suffix.lower() == ".obj" and not output.is_dir():
+        if not single:
+            raise UsageError("several OBJ files need a folder to be written to", source=output)
+        if output.resolve() == paths[0].resolve():
+            raise UsageError("the output must not be the source itself", source=output)
+        with _new_file(output) as place:
+            place.write_bytes(next(contents))
+        return
+    with _new_folder(output) as place:
+        for path, content in zip(paths, contents, strict=True):
+            (place / path.name).write_bytes(content)
+
+
+def write_new(asset: Asset, output: Path) -> None:
+    """Write any asset as OBJ files: one a frame, named by its time code padded with zeros.
+
+    Meshes become objects (`o` lines) of the same file. Times that are not whole numbers get
+    decimals in the name (a reader then counts frames 1, 2, 3 and so on); negative ones are
+    replaced by the frame's place in the sequence.
+
+    Parameters
+    ----------
+    asset : Asset
+        Meshes that share their time codes.
+    output : Path
+        A folder that does not exist yet or is empty; or, for a single frame, an .obj file.
+
+    Raises
+    ------
+    OutputError
+        If the output cannot be written, or is a folder that holds something already.
+    UsageError
+        If the meshes have different times, or an .obj file is asked for several frames.
+    """
+    times = asset.meshes[0].times
+    for mesh in asset.meshes:
+        if not np.array_equal(mesh.times, times, equal_nan=True):
+            raise UsageError(
+                "its time codes differ from the other meshes', so they cannot share OBJ files",
+                source=asset.source,
+                prim=mesh.prim,
+            )
+    if output.suffix.lower() == ".obj" and not output.is_dir():
+        if len(times) > 1:
+            raise UsageError("several frames need a folder to be written to", source=output)
+        with _new_file(output) as place:
+            place.write_bytes(_frame_text(asset, 0))
+        return
+    with _new_folder(output) as place:
+        for index, name in enumerate(_frame_names(times)):
+            (place / name).write_bytes(_frame_text(asset, index))
+
+
+def _marked_contents(
+    marked: Asset, paths: Sequence[Path], times: Sequence[float]
+) -> Iterator[bytes]:
+    frames = {
+        _clock_key(time): (mesh, index)
+        for mesh in marked.meshes
+        for index, time in enumerate(mesh.times)
+    }
+    for key in frames.keys() - {_clock_key(time) for time in times}:
+        raise UsageError(
+            f"the marked copy holds frame {key}, which the original does not", source=marked.source
+        )
+    for path, time in zip(paths, times, strict=True):
+        data = _read(path)
+        if _clock_key(time) in frames:
+            mesh, index = frames[_clock_key(time)]
+            data = _with_points(data, mesh[index], path)
+        yield data
+
+
+def _clock_key(time: float) -> str:
+    # NaN, the time of a single file, is not equal to itself; its name is.
+    return repr(float(time))
+
+
+def _with_points(data: bytes, frame: Frame, path: Path) -> bytes:
+    text = ObjText(data)
+    if text.n_points != len(frame.points):
+        raise UsageError(
+            f"the marked copy has {len(frame.points)} vertices, the original {text.n_points}",
+            source=path,
+            time=frame.time,
+        )
+    return text.with_points(frame.points)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=path) from error
+
+
+def _frame_names(times: FloatArray) -> list[str]:
+    if np.isnan(times).any() or times.min() < 0:
+        times = np.arange(1.0, len(times) + 1)
+    decimals = next((n for n in range(7) if np.array_equal(times.round(n), times)), 6)
+    width = max(4, len(str(int(times.max())))) + (decimals + 1 if decimals else 0)
+    return [f"{time:0{width}.{decimals}f}.obj" for time in times]
+
+
+def _frame_text(asset: Asset, index: int) -> bytes:
+    parts = []
+    offset = 1
+    for mesh in asset.meshes:
+        frame = mesh[index]
+        if len(asset.meshes) > 1:
+            parts.append(f"o {mesh.prim}\n")
+        parts += [_vertex_lines(frame.points), _face_lines(frame.topology, offset)]
+        offset += len(frame.points)
+    return "".join(parts).encode()
+
+
+def _vertex_lines(V: FloatArray) -> str:
+    words = V.astype(np.float32).ravel().astype("U").tolist()
+    return ("v %s %s %s\n" * len(V)) % tuple(words)
+
+
+def _face_lines(topology: Topology, offset: int) -> str:
+    lines = {int(n): "f" + " %d" * int(n) + "\n" for n in np.unique(topology.counts)}
+    template = "".join(map(lines.__getitem__, topology.counts.tolist()))
+    return template % tuple((topology.indices + offset).tolist())
+
+
+@contextmanager
+def _new_folder(output: Path) -> Iterator[Path]:
+    """Give a folder beside the output, which takes its place once it is complete."""
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise OutputError("exists already and is not an empty folder", source=output)
+    place = _beside(output)
+    with _reporting(output):
+        try:
+            place.mkdir()
+            yield place
+            if output.exists():
+                output.rmdir()
+            place.rename(output)
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def _new_file(output: Path) -> Iterator[Path]:
+    """Give a file beside the output, which takes its place once it is complete."""
+    place = _beside(output)
+    with _reporting(output):
+        try:
+            yield place
+            place.replace(output)
+        finally:
+            place.unlink(missing_ok=True)
+
+
+def _beside(output: Path) -> Path:
+    return output.with_name(f".{output.name}.{uuid.uuid4().hex[:8]}.part")
+
+
+@contextmanager
+def _reporting(output: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror}", source=output) from error

@@ -1,0 +1,333 @@
+from __future__ import annotations
+
+import math
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshmark.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.testing.attacks import bending_ball, sphere
+from meshmark.testing.readers import ReaderSuite, contents, shifted
+from meshmark_plugins.readers import RECORDS
+from meshmark_plugins.readers.obj import ObjFrames
+from meshmark_plugins.readers.obj_text import ObjText
+from meshmark_plugins.readers.obj_write import write_new
+
+RECORD = {record.name: record for record in RECORDS}["obj"]
+
+# One of everything: comments, indents, tabs, continuation, colours, groups, n-gons, CRLF,
+# texture and normal indices, relative indices, and a comment that ends in a backslash.
+WEIRD = (
+    b"\xef\xbb\xbf# made by hand, f 1 2 3\r\nmtllib scene.mtl\r\n# C:\\scenes\\\r\n"
+    b"o quad\r\n  v 0 0 0 1.0 # a w\r\nv\t1 \\\r\n 0 0\r\nvt 0 0\r\nvn 0 0 1\r\n"
+    b"v 1 1 0 0.5 0.25 0.125\r\nv 0 1 0\r\ns off\r\nf -4/1 -3/1 -2 -1//1\r\n"
+    b"o triangle\r\nv 2.50 0 -1e-3\r\nusemtl red\r\nf 2 5 3 # tail\r\nl 1 2\r\n"
+)
+
+
+def triangle(x: float = 0.0) -> str:
+    return f"v {x} 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def write_files(folder: Path, files: dict[str, str | bytes]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder
+
+
+class TestObjFolder(ReaderSuite):
+    @pytest.fixture
+    def record(self):
+        return RECORD
+
+    @pytest.fixture
+    def source(self, tmp_path):
+        asset = Asset(source="ball", meshes=(bending_ball(),), reader="none")
+        write_new(asset, tmp_path / "ball")
+        return str(tmp_path / "ball")
+
+    @pytest.fixture
+    def broken_source(self, tmp_path):
+        return str(write_files(tmp_path / "broken", {"a.obj": "PNG\x1a of some kind"}))
+
+    @pytest.fixture
+    def output(self, tmp_path):
+        place = tmp_path / "out"
+        place.mkdir()
+        return place / "marked"
+
+
+class TestSingleObj(TestObjFolder):
+    @pytest.fixture
+    def source(self, tmp_path):
+        return str(write_files(tmp_path, {"weird.obj": WEIRD}) / "weird.obj")
+
+    @pytest.fixture
+    def broken_source(self, tmp_path):
+        return str(write_files(tmp_path, {"broken.obj": b"\0\1\2"}) / "broken.obj")
+
+    @pytest.fixture
+    def output(self, tmp_path):
+        place = tmp_path / "out"
+        place.mkdir()
+        return place / "marked.obj"
+
+
+class TestObjPatternOfVaryingTopology(TestObjFolder):
+    @pytest.fixture
+    def source(self, tmp_path):
+        quad = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+        write_files(tmp_path / "mixed", {"f2.obj": triangle(), "f10.obj": quad, "f3.obj": WEIRD})
+        return str(tmp_path / "mixed" / "f*.obj")
+
+
+def test_every_way_to_write_a_mesh_is_understood():
+    text = ObjText(WEIRD)
+    V = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2.5, 0, -1e-3]]
+    np.testing.assert_array_equal(text.points(), V)
+    assert text.topology().counts.tolist() == [4, 3]
+    assert text.topology().indices.tolist() == [0, 1, 2, 3, 1, 4, 2]
+
+
+def test_only_the_changed_coordinates_are_written_anew():
+    text = ObjText(WEIRD)
+    V = text.points()
+    assert text.with_points(V) is WEIRD
+    V[1, 0], V[2, 2], V[4, 0] = 1 / 3, -1e-7, 2.5
+    wanted = WEIRD.replace(b"v\t1 \\\r\n", b"v\t0.33333334 \\\r\n")
+    wanted = wanted.replace(b"v 1 1 0 0.5", b"v 1 1 -1e-07 0.5")
+    assert text.with_points(V) == wanted
+
+
+def test_written_digits_are_enough_for_float32(tmp_path):
+    rng = np.random.default_rng(0)
+    V = rng.normal(size=(500, 3)) * 10.0 ** rng.integers(-12, 12, size=(500, 3))
+    _, F = sphere(500)
+    still = Asset("x", (MeshAnimation.from_arrays(np.ones((500, 3)), F),), "none")
+    write_new(still, tmp_path / "x.obj")
+    text = ObjText((tmp_path / "x.obj").read_bytes())
+    again = ObjText(text.with_points(V)).points()
+    np.testing.assert_array_equal(again.astype(np.float32), V.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("names", "times"),
+    [
+        (["0001", "0003", "0012"], [1, 3, 12]),
+        (["f2", "f10", "f1"], [1, 2, 10]),
+        (["horse.0007", "horse.0008"], [7, 8]),
+        (["cow", "horse"], [1, 2]),
+        (["a3", "b3"], [1, 2]),
+        (["a.obj", "a2"], [1, 2]),
+    ],
+)
+def test_names_give_order_and_times(tmp_path, names, times):
+    for name in names:
+        write_files(tmp_path, {f"{name}.obj": triangle()})
+    (tmp_path / "notes.txt").write_text("not a frame")
+    assert ObjFrames().read(str(tmp_path)).meshes[0].times.tolist() == times
+
+
+def test_natural_order_is_kept_in_the_frames(tmp_path):
+    write_files(tmp_path, {f"walk{i}x.obj": triangle(i) for i in (1, 2, 10)})
+    mesh = ObjFrames().read(str(tmp_path)).meshes[0]
+    assert [frame.points[0, 0] for frame in mesh] == [1, 2, 10]
+    assert mesh.times.tolist() == [1, 2, 3]
+
+
+def test_a_single_file_has_no_time(tmp_path):
+    source = write_files(tmp_path, {"v2.obj": triangle()}) / "v2.obj"
+    mesh = ObjFrames().read(str(source)).meshes[0]
+    assert len(mesh) == 1
+    assert math.isnan(mesh.times[0])
+
+
+def test_topology_is_recognised_however_it_is_written(tmp_path):
+    relative = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf -3/1 -2/1 -1/1\n"
+    write_files(tmp_path / "same", {"1.obj": triangle(), "2.obj": relative})
+    turned = triangle().replace("1 2 3", "2 3 1")
+    write_files(tmp_path / "turned", {"1.obj": triangle(), "2.obj": turned})
+    # Equal face lines, but one vertex more in between: other vertices are meant.
+    longer = "v 9 9 9\n" + relative
+    write_files(tmp_path / "longer", {"1.obj": relative, "2.obj": longer})
+    constant = {
+        name: ObjFrames().read(str(tmp_path / name)).meshes[0].constant_topology
+        for name in ("same", "turned", "longer")
+    }
+    assert constant == {"same": True, "turned": False, "longer": False}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3", "line 2: a coordinate is not finite"),
+        ("v 0 0 0\nv 1 1e999 0\nv 0 1 0\nf 1 2 3", "line 2: a coordinate is not finite"),
+        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3", "line 2: a vertex needs three coordinates"),
+        ("v 0 0 0\nv 1 zero 0\nv 0 1 0\nf 1 2 3", "line 2: 'zero' is not a coordinate"),
+        ("# \\\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4", "line 5: face index 4 is out of range"),
+        ("v 0 0 0\nv 1 0 0\nf 1 0 2", "line 3: face index 0 is out of range"),
+        ("v 0 0 0\nf -1 -1 -2", "line 2: face index -2 is out of range for 1 vertices"),
+        ("v 0 0 0\nf 1 1.5 1", "line 2: '1.5' is not a face index"),
+        ("v 0 0 0\nf 1 1", "line 2: a face needs three corners"),
+        ("v 0 0 0\n", "no faces"),
+        ("f 1 2 3\n", "no vertices"),
+        ("", "no vertices"),
+        (b"\x89PNG\0\0", "not a text file"),
+    ],
+)
+def test_what_is_wrong_is_said_with_file_and_line(tmp_path, content, words):
+    write_files(tmp_path, {"f1.obj": triangle(), "f7.obj": content})
+    with pytest.raises(InputError, match=words) as caught:
+        list(ObjFrames().read(str(tmp_path)).meshes[0])
+    assert caught.value.source == str(tmp_path / "f7.obj")
+    assert caught.value.time == 7
+
+
+def test_places_without_frames_are_refused(tmp_path):
+    with pytest.raises(InputError, match="nowhere: no such file or folder"):
+        ObjFrames().read(str(tmp_path / "nowhere"))
+    with pytest.raises(InputError, match=r"there is no \.obj file"):
+        ObjFrames().read(str(tmp_path))
+    with pytest.raises(InputError, match=r"\*\.obj: there is no \.obj file"):
+        ObjFrames().read(str(tmp_path / "*.obj"))
+    assert not ObjFrames().accepts(str(tmp_path))
+
+
+def test_a_file_that_changed_after_reading_is_noticed(tmp_path):
+    write_files(tmp_path, {"1.obj": triangle(), "2.obj": triangle()})
+    mesh = ObjFrames().read(str(tmp_path)).meshes[0]
+    write_files(tmp_path, {"2.obj": "v 9 9 9\n" + triangle()})
+    with pytest.raises(InputError, match=r"2\.obj: frame 2: 4 vertices where there were 3"):
+        mesh[1]
+
+
+def test_write_keeps_all_bytes_of_unmoved_vertices(tmp_path):
+    source = write_files(tmp_path / "in", {"a1.obj": WEIRD, "a2.obj": WEIRD})
+    original = ObjFrames().read(str(source))
+    ObjFrames().write(original, original, tmp_path / "out")
+    assert [*map(Path.read_bytes, sorted((tmp_path / "out").iterdir()))] == [WEIRD, WEIRD]
+
+
+def test_frames_that_were_not_marked_are_copied(tmp_path):
+    source = write_files(tmp_path / "in", {f"{i}.obj": triangle(i) for i in (1, 2, 3)})
+    original = ObjFrames().read(str(source))
+    mesh = original.meshes[0]
+    marked = replace(original, meshes=(mesh.select([1]).map(shifted),))
+    ObjFrames().write(marked, original, tmp_path / "out")
+    same = [(tmp_path / "out" / f"{i}.obj").read_text() == triangle(i) for i in (1, 2, 3)]
+    assert same == [True, False, True]
+    ObjFrames().write(replace(original, meshes=()), original, tmp_path / "untouched")
+    assert (tmp_path / "untouched" / "2.obj").read_text() == triangle(2)
+
+
+def test_writing_refuses_what_it_cannot_do(tmp_path):
+    source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
+    original = ObjFrames().read(str(source))
+    write = ObjFrames().write
+    with pytest.raises(OutputError, match="exists already and is not an empty folder"):
+        write(original, original, source)
+    with pytest.raises(UsageError, match="several OBJ files need a folder"):
+        write(original, original, tmp_path / "one.obj")
+    with pytest.raises(OutputError, match="cannot be written: No such file"):
+        write(original, original, tmp_path / "missing" / "out")
+    single = ObjFrames().read(str(source / "1.obj"))
+    with pytest.raises(UsageError, match="must not be the source"):
+        write(single, single, source / "1.obj")
+    later = replace(original, meshes=(replace(original.meshes[0], times=np.array([1.0, 5.0])),))
+    with pytest.raises(UsageError, match=r"holds frame 5.0, which the original does not"):
+        write(later, original, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+def test_a_failure_half_way_leaves_nothing(tmp_path):
+    source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
+    original = ObjFrames().read(str(source))
+    fat = Frame(2.0, np.zeros((4, 3)), Topology.from_triangles(np.array([[0, 1, 2]]), 4))
+    wrong = MeshAnimation.from_frames([original.meshes[0][0], fat])
+    with pytest.raises(UsageError, match=r"2\.obj: frame 2: the marked copy has 4 vertices"):
+        ObjFrames().write(replace(original, meshes=(wrong,)), original, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+def test_an_existing_empty_folder_is_filled(tmp_path):
+    source = write_files(tmp_path / "in", {"1.obj": triangle()})
+    original = ObjFrames().read(str(source))
+    (tmp_path / "out").mkdir()
+    ObjFrames().write(original, original, tmp_path / "out")
+    assert contents(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("times", "names"),
+    [
+        ([1, 3, 12], ["0001", "0003", "0012"]),
+        ([9999, 10000], ["09999", "10000"]),
+        ([1, 1.5], ["0001.0", "0001.5"]),
+        ([-1, 0, 1], ["0001", "0002", "0003"]),
+        ([math.nan], ["0001"]),
+    ],
+)
+def test_new_files_are_named_by_time(tmp_path, times, names):
+    V, F = sphere(50)
+    topology = Topology.from_triangles(F, 50)
+    frames = [Frame(float(t), V + i, topology) for i, t in enumerate(times)]
+    asset = Asset("x", (MeshAnimation.from_frames(frames),), "none")
+    write_new(asset, tmp_path / "out")
+    assert sorted(path.stem for path in (tmp_path / "out").iterdir()) == names
+    again = ObjFrames().read(str(tmp_path / "out")).meshes[0]
+    for before, after in zip(frames, again, strict=True):
+        np.testing.assert_allclose(after.points, before.points, atol=1e-6)
+
+
+def test_new_files_hold_all_meshes_as_objects(tmp_path):
+    topology = Topology(np.array([4, 3]), np.array([0, 1, 2, 3, 1, 4, 2]), 5)
+    V = np.arange(15.0).reshape(5, 3)
+    quad = MeshAnimation.from_frames([Frame(1.0, V, topology)], prim="/A")
+    ball = MeshAnimation.from_arrays(*sphere(50), prim="/B")
+    write_new(Asset("x", (quad, ball), "none"), tmp_path / "out")
+    frame = ObjFrames().read(str(tmp_path / "out")).meshes[0][0]
+    assert frame.topology.n_points == 55
+    assert frame.topology.counts[:3].tolist() == [4, 3, 3]
+    np.testing.assert_array_equal(frame.topology.indices[7:] - 5, ball[0].topology.indices)
+    assert b"\no /B\n" in (tmp_path / "out" / "0001.obj").read_bytes()
+    with pytest.raises(UsageError, match="/B: its time codes differ"):
+        later = replace(ball, times=np.array([2.0]))
+        write_new(Asset("x", (quad, later), "none"), tmp_path / "other")
+
+
+def test_a_large_frame_is_parsed_fast(tmp_path):
+    V = np.random.default_rng(0).normal(size=(42_000, 3))
+    F = np.random.default_rng(1).integers(1, 42_001, size=(84_000, 3))
+    text = ("v %r %r %r\n" * len(V)) % tuple(V.ravel().tolist())
+    text += ("f %d/%d %d/%d %d/%d\n" * len(F)) % tuple(np.repeat(F, 2, axis=1).ravel().tolist())
+    elapsed = []
+    for _ in range(3):
+        begin = time.process_time()
+        parsed = ObjText(text.encode())
+        np.testing.assert_array_equal(parsed.points(), V)
+        assert parsed.topology().counts.size == 84_000
+        elapsed.append(time.process_time() - begin)
+    assert min(elapsed) < 0.6
+
+
+def test_the_horse_equals_its_stage(data_folder):
+    from pxr import Usd, UsdGeom
+
+    mesh = ObjFrames().read(str(data_folder / "horse-gallop-obj")).meshes[0]
+    assert mesh.times.tolist() == list(range(1, 24, 2))
+    assert mesh.constant_topology
+    assert mesh[0].points.shape == (8431, 3)
+    assert mesh[0].faces.shape == (16843, 3)
+    stage = Usd.Stage.Open(os.fspath(data_folder / "horse-gallop.usdc"))
+    geometry = UsdGeom.Mesh(stage.GetPrimAtPath("/Horse/Geom/body"))
+    F = np.array(geometry.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+    np.testing.assert_array_equal(mesh[0].faces, F)
+    for frame in mesh:
+        points = np.array(geometry.GetPointsAttr().Get(frame.time), dtype=np.float32)
+        np.testing.assert_array_equal(frame.points.astype(np.float32), points)
