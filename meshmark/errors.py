@@ -1,0 +1,85 @@
+"""Errors a user can act on: each names the file, prim and frame it is about."""
+
+from __future__ import annotations
+
+
+class MeshmarkError(Exception):
+    """Base of every error meshmark raises on purpose.
+
+    Parameters
+    ----------
+    message
+        What is wrong and what to do about it, in one line.
+    source
+        File or folder the error is about.
+    prim
+        Prim path inside the source.
+    time
+        Time code of the frame, where one frame is to blame.
+    """
+
+    exit_code = 70
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        source: object | None = None,
+        prim: str | None = None,
+        time: float | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.source = None if source is None else str(source)
+        self.prim = prim
+        self.time = time
+
+    def __str__(self) -> str:
+        where = [part for part in (self.source, self.prim) if part]
+        if self.time is not None and self.time == self.time:
+            where.append(f"frame {self.time:g}")
+        return ": ".join([*where, self.message])
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Worker processes send errors home; keyword-only arguments need help to pickle.
+        return (_rebuild, (type(self), self.message, self.source, self.prim, self.time))
+
+
+def _rebuild(
+    kind: type[MeshmarkError],
+    message: str,
+    source: str | None,
+    prim: str | None,
+    time: float | None,
+) -> MeshmarkError:
+    return kind(message, source=source, prim=prim, time=time)
+
+
+class UsageError(MeshmarkError):
+    """The request itself makes no sense: a bad flag, name, range or parameter value."""
+
+    exit_code = 2
+
+
+class InputError(MeshmarkError):
+    """A source or key file that cannot be read or is not supported."""
+
+    exit_code = 3
+
+
+class OutputError(MeshmarkError):
+    """A place that cannot be written to."""
+
+    exit_code = 3
+
+
+class CapacityError(MeshmarkError):
+    """A mesh too small or too featureless to hold a mark."""
+
+    exit_code = 3
+
+
+class PluginError(MeshmarkError):
+    """A plugin that could not be loaded, or broke its contract."""
+
+    exit_code = 5

@@ -1,0 +1,136 @@
+"""Connectivity alone: triangles, edges, one-rings, components, welding. No geometry but welding's."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def triangulate(counts: IntArray, indices: IntArray) -> IntArray:
+    """Split polygons into fans of triangles about their first corner.
+
+    Parameters
+    ----------
+    counts : (P,) int
+        Corners of each polygon, each at least 3.
+    indices : (sum(counts),) int
+        Point index of each corner.
+
+    Returns
+    -------
+    (F, 3) int
+        Triangles in polygon order, same orientation.
+    """
+    if np.all(counts == 3):
+        return indices.reshape(-1, 3)
+    start = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    n = counts - 2
+    polygon = np.repeat(np.arange(len(counts)), n)
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(n) - n, n)
+    first = start[polygon]
+    return np.stack(
+        [indices[first], indices[first + step + 1], indices[first + step + 2]], axis=1
+    )
+
+
+def edges(F: IntArray) -> IntArray:
+    """List each undirected edge once, (E, 2) int, lower index first, sorted."""
+    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    half = np.sort(half, axis=1)
+    half = half[half[:, 0] != half[:, 1]]
+    return np.unique(half, axis=0)
+
+
+def face_adjacency(F: IntArray) -> tuple[IntArray, IntArray]:
+    """List pairs of faces that share an edge.
+
+    Returns
+    -------
+    pairs : (A, 2) int
+        Face indices, lower first. An edge with k faces gives k - 1 pairs (a chain).
+    shared : (A, 2) int
+        The vertices of the shared edge, lower first.
+    """
+    half = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
+    face = np.tile(np.arange(len(F)), 3)
+    keep = half[:, 0] != half[:, 1]
+    half, face = half[keep], face[keep]
+    order = np.lexsort((face, half[:, 1], half[:, 0]))
+    half, face = half[order], face[order]
+    same = np.all(half[1:] == half[:-1], axis=1) & (face[1:] != face[:-1])
+    pairs = np.stack([face[:-1][same], face[1:][same]], axis=1)
+    return np.sort(pairs, axis=1), half[1:][same]
+
+
+def boundary_edges(F: IntArray) -> IntArray:
+    """List the edges that belong to exactly one face, (B, 2) int."""
+    half = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
+    half = half[half[:, 0] != half[:, 1]]
+    unique, count = np.unique(half, axis=0, return_counts=True)
+    return unique[count == 1]
+
+
+def vertex_adjacency(F: IntArray, n_points: int) -> csr_matrix:
+    """Build the symmetric one-ring matrix, (N, N) sparse, 1.0 where two vertices share an edge."""
+    E = edges(F)
+    i = np.concatenate([E[:, 0], E[:, 1]])
+    j = np.concatenate([E[:, 1], E[:, 0]])
+    return csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
+
+
+def vertex_components(F: IntArray, n_points: int) -> IntArray:
+    """Label the connected components of the vertices, (N,) int; an unused vertex is its own."""
+    return connected_components(vertex_adjacency(F, n_points), directed=False)[1].astype(np.int64)
+
+
+def face_components(F: IntArray, labels: IntArray | None = None) -> IntArray:
+    """Label the edge-connected components of faces, (F,) int.
+
+    Parameters
+    ----------
+    F : (F, 3) int
+        Triangles.
+    labels : (F,) int, optional
+        If given, two faces are connected only where they also share a label.
+    """
+    pairs, _ = face_adjacency(F)
+    if labels is not None:
+        pairs = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(F), len(F)))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def weld(V: FloatArray, F: IntArray, tolerance: float = 0.0) -> tuple[FloatArray, IntArray, IntArray]:
+    """Merge coincident vertices, for analysis of unindexed meshes.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles.
+    tolerance : float
+        Vertices whose coordinates round to the same multiple of this length are merged;
+        0 merges exactly equal ones.
+
+    Returns
+    -------
+    V : (M, 3) float64
+        Kept positions, ordered by first appearance.
+    F : (F, 3) int
+        Triangles over them; degenerate ones are kept, in place.
+    new : (N,) int
+        New index of each old vertex.
+    """
+    key = V if tolerance == 0.0 else np.round(V / tolerance)
+    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    new = rank[inverse.reshape(-1)].astype(np.int64)
+    return V[first[order]], new[F], new
