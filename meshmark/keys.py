@@ -1,0 +1,160 @@
+"""Secret keys: key files, derivation, code words. A key itself is never printed, only its id."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from numpy.typing import NDArray
+
+from meshmark.errors import InputError, OutputError
+
+KEY_BYTES = 32
+_HEADER = "meshmark-key-1"
+_TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * KEY_BYTES}}})\s*")
+# HKDF-SHA256 yields at most 255 blocks of 32 bytes.
+_HKDF_LIMIT = 255 * 32
+
+
+@dataclass(frozen=True, repr=False)
+class Key:
+    """A 256-bit secret.
+
+    Everything pseudo-random is derived from it by HKDF-SHA256 [1]_ under a label, so that
+    uses are independent of each other and equal on every platform and version.
+
+    Parameters
+    ----------
+    secret : bytes
+        32 random bytes.
+
+    References
+    ----------
+    .. [1] H. Krawczyk, P. Eronen, "HMAC-based Extract-and-Expand Key Derivation Function
+       (HKDF)", RFC 5869, 2010. https://doi.org/10.17487/RFC5869
+    """
+
+    secret: bytes
+
+    def __post_init__(self) -> None:
+        if len(self.secret) != KEY_BYTES:
+            raise InputError(f"a key has {KEY_BYTES} bytes, this one {len(self.secret)}")
+
+    def __repr__(self) -> str:
+        return f"Key(id={self.id!r})"
+
+    @classmethod
+    def generate(cls) -> Key:
+        """Draw a key from the operating system's entropy."""
+        return cls(secrets.token_bytes(KEY_BYTES))
+
+    @property
+    def id(self) -> str:
+        """A one-way fingerprint, 16 hexadecimal digits: safe to print and to store."""
+        return self.derive("key id", 8).hex()
+
+    def derive(self, label: str, n_bytes: int) -> bytes:
+        """Derive `n_bytes` pseudo-random bytes under a label."""
+        if n_bytes > _HKDF_LIMIT:
+            raise ValueError(f"at most {_HKDF_LIMIT} bytes can be derived under one label")
+        kdf = HKDF(
+            algorithm=hashes.SHA256(),
+            length=n_bytes,
+            salt=None,
+            info=f"meshmark/1/{label}".encode(),
+        )
+        return kdf.derive(self.secret)
+
+    def words(
+        self, scheme: str, n_words: int, n_chips: int, recipient: str | None = None
+    ) -> NDArray[np.int64]:
+        """Derive the code words of a scheme.
+
+        Parameters
+        ----------
+        scheme : str
+            Name of the scheme: two schemes never share words.
+        n_words, n_chips : int
+            How many words, and how many chips each.
+        recipient : str, optional
+            Whose copy: every recipient has words of its own; None is the owner's own copy.
+
+        Returns
+        -------
+        (n_words, n_chips) int
+            Independent uniform signs, +1 or -1, bits taken most significant first.
+        """
+        # A recipient's name is free text: its length keeps labels from running into each other.
+        whose = "owner" if recipient is None else f"recipient/{len(recipient)}/{recipient}"
+        n_bytes = -(-n_chips // 8)
+        rows = [
+            np.unpackbits(
+                np.frombuffer(self.derive(f"word/{scheme}/{whose}/{m}", n_bytes), dtype=np.uint8)
+            )[:n_chips]
+            for m in range(n_words)
+        ]
+        return 2 * np.array(rows, dtype=np.int64).reshape(n_words, n_chips) - 1
+
+    def generator(self, label: str) -> np.random.Generator:
+        """Seed a numpy generator by the key, for choices that detection need not repeat."""
+        return np.random.Generator(
+            np.random.PCG64(int.from_bytes(self.derive(f"generator/{label}", 16), "big"))
+        )
+
+    def save(self, path: Path) -> None:
+        """Write a key file, readable by its owner only.
+
+        Raises
+        ------
+        OutputError
+            If the file exists (a key is never overwritten) or cannot be written.
+        """
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        try:
+            descriptor = os.open(path, flags, 0o600)
+        except FileExistsError:
+            raise OutputError("exists already; a key is never overwritten", source=path) from None
+        except OSError as error:
+            raise OutputError(f"cannot write the key file: {error.strerror}", source=path) from None
+        with os.fdopen(descriptor, "w", encoding="ascii") as file:
+            file.write(f"{_HEADER}\n{self.secret.hex()}\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Key:
+        """Read a key file.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read or is not a key file. Its content is never part of the message.
+        """
+        try:
+            text = Path(path).read_text(encoding="ascii")
+        except UnicodeDecodeError:
+            raise InputError("is not a meshmark key file", source=path) from None
+        except OSError as error:
+            raise InputError(f"cannot read the key file: {error.strerror}", source=path) from None
+        match = _TEXT.fullmatch(text)
+        if match is None:
+            raise InputError(
+                "is not a meshmark key file; make one with `meshmark keygen`", source=path
+            )
+        return cls(bytes.fromhex(match.group(1)))
+
+
+def readable_by_others(path: Path) -> bool:
+    """Tell whether a key file's permissions let other users of the machine read it."""
+    return bool(os.name == "posix" and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH))
+
+
+def unique_recipients(names: Iterable[str]) -> tuple[str, ...]:
+    """Drop repeated names, keeping the order, so that none is paid for twice."""
+    return tuple(dict.fromkeys(names))
