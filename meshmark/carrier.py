@@ -1,0 +1,77 @@
+"""Carriers and chips: what a scheme measures on a frame, reduced to numbers that need no key."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """Some vertices of a frame, sorted into the bins of a scalar coordinate; a bin holds a chip.
+
+    Parameters
+    ----------
+    vertices : (n,) int
+        Indices of the vertices into the frame's points.
+    bins : (n,) int
+        Bin of each vertex, 0 to `n_bins` - 1; -1 for a vertex in none.
+    place : (n,) float64
+        Place of each vertex within its bin, from 0 at its lower to 1 at its upper end.
+    n_bins : int
+        Number of bins.
+    descriptor : (m,) float64
+        Shape of the carrier in numbers that compare between frames, by which it is found
+        again when the connectivity changes from frame to frame.
+    """
+
+    vertices: IntArray
+    bins: IntArray
+    place: FloatArray
+    n_bins: int
+    descriptor: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Chips:
+    """The chips of one frame.
+
+    Parameters
+    ----------
+    value : (carriers, bins) float64
+        Mean place of the vertices in the bin, less one half; 0 for an empty bin.
+    count : (carriers, bins) int
+        Number of vertices in the bin. An empty bin is an erasure: it says nothing, neither
+        +1 nor -1.
+    """
+
+    value: FloatArray
+    count: IntArray
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which chips are not erasures, (carriers, bins) bool."""
+        return self.count > 0
+
+
+def measure(carriers: Sequence[Carrier]) -> Chips:
+    """Measure the chips of a frame's carriers, all of which have the same number of bins."""
+    rows = [_measure_one(carrier) for carrier in carriers]
+    return Chips(
+        value=np.array([value for value, _ in rows]), count=np.array([count for _, count in rows])
+    )
+
+
+def _measure_one(carrier: Carrier) -> tuple[FloatArray, IntArray]:
+    inside = carrier.bins >= 0
+    k = carrier.bins[inside]
+    count = np.bincount(k, minlength=carrier.n_bins)
+    moment = np.bincount(k, carrier.place[inside] - 0.5, carrier.n_bins)
+    value = np.divide(moment, count, out=np.zeros(carrier.n_bins), where=count > 0)
+    return value, count.astype(np.int64)

@@ -1,0 +1,171 @@
+"""Verdicts: evidence and a key turned into an answer, with every search paid for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from meshmark.evidence import Evidence, Finding, judge
+from meshmark.keys import Key
+
+Answer = Literal["marked", "not marked", "inconclusive"]
+
+
+@dataclass(frozen=True)
+class PrimVerdict:
+    """The answer for one mesh, from the scheme and recipient that fit it best."""
+
+    prim: str
+    scheme: str
+    verdict: Answer
+    log10_p: float
+    recipient: str | None
+    chips: int
+    times: tuple[float, ...]
+    finding: Finding
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of this mesh in `verify --json`."""
+        errors = self.finding.errors
+        frames = zip(self.times, self.finding.log10_p_per_frame, errors.per_frame, strict=True)
+        return {
+            "prim": self.prim,
+            "scheme": self.scheme,
+            "verdict": self.verdict,
+            "log10_p": self.log10_p,
+            "frames": len(self.times),
+            "chips": self.chips,
+            "ber": {"avg": _number(errors.average), "max": _number(errors.maximum)},
+            "per_frame": [
+                {"time": _number(time), "log10_p": _number(p), "ber": _number(ber)}
+                for time, p, ber in frames
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer for one source.
+
+    Parameters
+    ----------
+    source : str
+        The file or folder.
+    verdict : str
+        "marked" if p <= fpr; "inconclusive" if the source holds too few chips for any key to
+        get there; otherwise "not marked".
+    log10_p : float
+        Bound on the probability that a random key does as well, all searches paid for.
+    recipient : str or None
+        Whose copy, if it is marked and the words of a recipient fit.
+    elapsed_s : float
+        Seconds spent.
+    prims : tuple of PrimVerdict
+        Mesh by mesh.
+    notes : tuple of str
+        What could not be looked at, and why.
+    """
+
+    source: str
+    verdict: Answer
+    log10_p: float
+    recipient: str | None
+    elapsed_s: float
+    prims: tuple[PrimVerdict, ...]
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of this source in `verify --json`."""
+        return {
+            "source": self.source,
+            "verdict": self.verdict,
+            "log10_p": self.log10_p,
+            "recipient": self.recipient,
+            "elapsed_s": round(self.elapsed_s, 3),
+            "prims": [prim.as_json() for prim in self.prims],
+        }
+
+
+def decide(
+    source: str,
+    evidence: Sequence[Evidence],
+    key: Key,
+    *,
+    recipients: Sequence[str] = (),
+    fpr: float = 1e-6,
+    n_schemes: int = 1,
+    elapsed_s: float = 0.0,
+    notes: Sequence[str] = (),
+) -> Verdict:
+    """Answer for a source from the evidence of its meshes.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+        One for each mesh and scheme that could be measured.
+    recipients : sequence of str
+        Recipients to try beside the owner's own words.
+    fpr : float
+        Largest p that still counts as marked.
+    n_schemes : int
+        Number of schemes tried; each mesh pays for them.
+
+    Notes
+    -----
+    The best of n hypotheses is worth n times its p (union bound): schemes and recipients for
+    each mesh, meshes for the source.
+    """
+    hypotheses: tuple[str | None, ...] = (None, *recipients)
+    price = float(np.log10(n_schemes * len(hypotheses)))
+    by_prim: dict[str, list[Evidence]] = {}
+    for item in evidence:
+        by_prim.setdefault(item.prim, []).append(item)
+    prims = tuple(
+        _decide_prim(items, key, hypotheses, price, float(np.log10(fpr)))
+        for items in by_prim.values()
+    )
+    if not prims:
+        return Verdict(source, "inconclusive", 0.0, None, elapsed_s, (), tuple(notes))
+    best = min(prims, key=lambda prim: prim.log10_p)
+    log10_p = min(0.0, best.log10_p + float(np.log10(len(prims))))
+    reachable = min(item.reachable_log10_p for item in evidence) + price + np.log10(len(prims))
+    answer = _answer(log10_p, float(reachable), float(np.log10(fpr)))
+    recipient = best.recipient if answer == "marked" else None
+    return Verdict(source, answer, log10_p, recipient, elapsed_s, prims, tuple(notes))
+
+
+def _decide_prim(
+    items: Sequence[Evidence],
+    key: Key,
+    hypotheses: Sequence[str | None],
+    price: float,
+    log10_fpr: float,
+) -> PrimVerdict:
+    found = [(item, judge(item, key, recipient)) for item in items for recipient in hypotheses]
+    evidence, finding = min(found, key=lambda pair: pair[1].log10_p)
+    log10_p = min(0.0, finding.log10_p + price)
+    reachable = min(item.reachable_log10_p for item in items) + price
+    return PrimVerdict(
+        prim=evidence.prim,
+        scheme=evidence.scheme,
+        verdict=_answer(log10_p, reachable, log10_fpr),
+        log10_p=log10_p,
+        recipient=finding.recipient,
+        chips=evidence.chips,
+        times=tuple(float(t) for t in evidence.times),
+        finding=finding,
+    )
+
+
+def _answer(log10_p: float, reachable: float, log10_fpr: float) -> Answer:
+    if log10_p <= log10_fpr:
+        return "marked"
+    return "inconclusive" if reachable > log10_fpr else "not marked"
+
+
+def _number(x: float) -> float | None:
+    """JSON has no NaN: what is not known is null."""
+    return None if np.isnan(x) else float(x)
