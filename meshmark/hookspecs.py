@@ -1,0 +1,350 @@
+"""The hooks a plugin implements, and the records and interfaces they speak of.
+
+Each hook yields small frozen records. A record names something and holds a factory, which is
+called only when that something is used, so that a heavy import inside it costs nothing before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import pluggy
+from numpy.typing import NDArray
+
+from meshmark.animation import Asset, Frame, MeshAnimation
+from meshmark.carrier import Carrier
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+PROJECT = "meshmark"
+hookspec = pluggy.HookspecMarker(PROJECT)
+hookimpl = pluggy.HookimplMarker(PROJECT)
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """Reads one kind of source into an `Asset`, and may write it back."""
+
+    def accepts(self, source: str) -> bool:
+        """Tell, from the name and a glance at the folder, whether this reader is meant."""
+        ...
+
+    def read(self, source: str) -> Asset:
+        """Read every mesh of the source; frames may be read lazily.
+
+        Raises
+        ------
+        InputError
+            Naming file, mesh and frame, if the source cannot be read.
+        """
+        ...
+
+    def writes(self, output: Path) -> bool:
+        """Tell whether `output` names something this reader can write back to."""
+        ...
+
+    def write(self, marked: Asset, original: Asset, output: Path) -> None:
+        """Write `original`, as it stands in its files, with the points of `marked`.
+
+        Nothing but positions may change, and nothing half-written may be left behind.
+        """
+        ...
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Cuts a mesh into parts."""
+
+    def segment(self, V: FloatArray, F: IntArray) -> IntArray:
+        """Label each face with its part.
+
+        Parameters
+        ----------
+        V : (N, 3) float64
+            Vertex positions.
+        F : (F, 3) int
+            Triangles.
+
+        Returns
+        -------
+        (F,) int
+            Part of each face, 0-based, every part edge-connected. The same for a mesh that
+            was rotated, scaled, moved or re-ordered (up to the re-ordering), and on every run.
+        """
+        ...
+
+
+@runtime_checkable
+class GeodesicSolver(Protocol):
+    """Built once on a mesh, asked many times."""
+
+    def distances(self, sources: IntArray) -> FloatArray:
+        """Measure the distance along the surface from each source to every vertex.
+
+        Parameters
+        ----------
+        sources : (S,) int
+            Vertex indices.
+
+        Returns
+        -------
+        (S, N) float64
+            Distances in the unit of the points; inf where a vertex cannot be reached.
+        """
+        ...
+
+
+@runtime_checkable
+class Scheme(Protocol):
+    """Says where the carriers come from, and how vertices move. All else is the core's.
+
+    Attributes
+    ----------
+    n_chips : int
+        Chips of one carrier.
+    n_words : int
+        Code words: 1 if all carriers share one; otherwise each carrier holds a different one.
+    strength : float
+        Target of a chip: embedding drives w s up to at least this, s as measured.
+    propagate : str
+        "adapt" if every frame is driven to its own targets; "delta" if `carry` takes the
+        first frame's moves to the others.
+    """
+
+    n_chips: int
+    n_words: int
+    strength: float
+    propagate: str
+
+    def layout(self, frame: Frame) -> Any:
+        """Find in the first frame what vertex trajectories carry to the others.
+
+        The result must pickle; it is handed back with every frame of the same topology.
+
+        Raises
+        ------
+        CapacityError
+            If the mesh is too small or too featureless.
+        """
+        ...
+
+    def carriers(self, frame: Frame, layout: Any) -> Sequence[Carrier]:
+        """Measure the carriers of a frame: which vertices, which coordinate, which bins.
+
+        Always as many, and in the same order, for one layout.
+        """
+        ...
+
+    def move(
+        self,
+        frame: Frame,
+        layout: Any,
+        carriers: Sequence[Carrier],
+        shifts: Sequence[FloatArray],
+        rng: np.random.Generator,
+    ) -> FloatArray:
+        """Move vertices so that each chip changes by about its shift.
+
+        Parameters
+        ----------
+        shifts : sequence of (n_chips,) float64
+            Wanted change of each chip of each carrier; 0 where nothing is wanted.
+        rng : numpy.random.Generator
+            Seeded by the key, equal for every frame.
+
+        Returns
+        -------
+        (N, 3) float64
+            New vertex positions.
+        """
+        ...
+
+    def carry(
+        self, frame: Frame, layout: Any, reference: Frame, marked: Frame, words: IntArray
+    ) -> FloatArray:
+        """Take the moves of the first frame to another (`propagate` = "delta").
+
+        Parameters
+        ----------
+        reference, marked : Frame
+            The first frame before and after.
+        words : (carriers, n_chips) int
+            The code word, +-1, each carrier was marked with.
+        """
+        ...
+
+
+@runtime_checkable
+class Attack(Protocol):
+    """Treats an animation as a thief, a pipeline or an accident would."""
+
+    def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
+        """Return the attacked animation; the given one is left alone."""
+        ...
+
+
+class Factory(Protocol):
+    """Makes what a record names, from parameters given as keywords."""
+
+    def __call__(self, **parameters: Any) -> Any:
+        """Build it; raise UsageError for an unknown or impossible parameter."""
+        ...
+
+
+@dataclass(frozen=True)
+class PluginRecord:
+    """A named thing a plugin offers.
+
+    Parameters
+    ----------
+    name : str
+        What the user types; lower case letters, digits and dashes.
+    factory : callable
+        Called with the parameters as keywords (a geodesic solver: V, F first). Import what is
+        heavy inside it.
+    summary : str
+        One line for `meshmark plugins list`.
+    version : str
+        Of the algorithm; recorded in every manifest.
+    parameters : mapping of str to object
+        Defaults of the parameters the factory takes.
+    """
+
+    name: str
+    factory: Factory
+    summary: str
+    version: str
+    parameters: Mapping[str, Any]
+
+
+class ReaderRecord(PluginRecord):
+    """Offers a `Reader`."""
+
+
+class SegmenterRecord(PluginRecord):
+    """Offers a `Segmenter`."""
+
+
+class GeodesicSolverRecord(PluginRecord):
+    """Offers a `GeodesicSolver`; the factory takes `V` (N, 3) and `F` (F, 3) first."""
+
+
+class SchemeRecord(PluginRecord):
+    """Offers a `Scheme`; the factory takes `segmenter` and `solver` factories as keywords."""
+
+
+class AttackRecord(PluginRecord):
+    """Offers an `Attack`."""
+
+
+@hookspec
+def meshmark_readers() -> Iterable[ReaderRecord]:  # type: ignore[empty-body]
+    """Offer readers of further kinds of files; the factory takes no parameters.
+
+    A reader's `read` gives an `Asset` whose frames are in world space, float64, read lazily
+    where that helps. A source that cannot be read raises `InputError` naming file and frame.
+
+    Examples
+    --------
+    >>> from meshmark.hookspecs import ReaderRecord, hookimpl
+    >>> def off_reader():
+    ...     from my_package.off import OffReader
+    ...     return OffReader()
+    >>> @hookimpl
+    ... def meshmark_readers():
+    ...     return [ReaderRecord("off", off_reader, "Object File Format", "1", {})]
+    """
+
+
+@hookspec
+def meshmark_segmenters() -> Iterable[SegmenterRecord]:  # type: ignore[empty-body]
+    """Offer segmenters; the factory takes its parameters and makes a `Segmenter`.
+
+    A segmenter maps points (N, 3) float64 and triangles (F, 3) int to labels (F,) int. It is
+    deterministic, equal under similarity transforms and re-ordering, and every part is
+    edge-connected. `meshmark.testing.SegmenterSuite` checks all of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from meshmark.hookspecs import SegmenterRecord, hookimpl
+    >>> from meshmark.topology import face_components
+    >>> class Components:
+    ...     def segment(self, V, F):
+    ...         return face_components(F)
+    >>> @hookimpl
+    ... def meshmark_segmenters():
+    ...     return [SegmenterRecord("components", Components, "one part a component", "1", {})]
+    """
+
+
+@hookspec
+def meshmark_geodesic_solvers() -> Iterable[GeodesicSolverRecord]:  # type: ignore[empty-body]
+    """Offer geodesic solvers; the factory takes V (N, 3), F (F, 3) and its parameters.
+
+    A solver is built once on a mesh and answers `distances(sources) -> (len(sources), N)`.
+    `meshmark.testing.GeodesicSolverSuite` checks it against distances known exactly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from meshmark.hookspecs import GeodesicSolverRecord, hookimpl
+    >>> class Straight:
+    ...     def __init__(self, V, F):
+    ...         self.V = V
+    ...     def distances(self, sources):
+    ...         return np.linalg.norm(self.V[sources][:, None] - self.V, axis=2)
+    >>> @hookimpl
+    ... def meshmark_geodesic_solvers():
+    ...     return [GeodesicSolverRecord("straight", Straight, "right on convex ends", "1", {})]
+    """
+
+
+@hookspec
+def meshmark_schemes() -> Iterable[SchemeRecord]:  # type: ignore[empty-body]
+    """Offer watermarking schemes; the factory makes a `Scheme`.
+
+    Beside its own parameters the factory takes two keywords: `segmenter`, a `Segmenter`, and
+    `solver`, a callable (V, F) -> `GeodesicSolver`. A scheme says where the carriers are and
+    how vertices move; measuring, targets, the closed loop and statistics are the core's.
+    `meshmark.testing.SchemeSuite` checks it.
+
+    Examples
+    --------
+    >>> from meshmark.hookspecs import SchemeRecord, hookimpl
+    >>> def my_scheme(*, segmenter, solver, bits=16, strength=0.05):
+    ...     from my_package.scheme import MyScheme
+    ...     return MyScheme(segmenter, solver, bits, strength)
+    >>> @hookimpl
+    ... def meshmark_schemes():
+    ...     defaults = {"bits": 16, "strength": 0.05}
+    ...     return [SchemeRecord("my-scheme", my_scheme, "rings about tips", "1", defaults)]
+    """
+
+
+@hookspec
+def meshmark_attacks() -> Iterable[AttackRecord]:  # type: ignore[empty-body]
+    """Offer attacks; the factory takes its parameters and makes an `Attack`.
+
+    An attack maps a `MeshAnimation` and a seeded numpy Generator to another `MeshAnimation`.
+    `meshmark.testing.AttackSuite` checks determinism and that the input is left alone.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from meshmark.hookspecs import AttackRecord, hookimpl
+    >>> @dataclass(frozen=True)
+    ... class Mirror:
+    ...     def apply(self, animation, rng):
+    ...         return animation.map(flip_x)
+    >>> def flip_x(frame):
+    ...     return frame.moved(frame.points * [-1, 1, 1])
+    >>> @hookimpl
+    ... def meshmark_attacks():
+    ...     return [AttackRecord("mirror", Mirror, "mirrored in x", "1", {})]
+    """
