@@ -1,0 +1,242 @@
+"""The closed loop: measure, set targets, move, and measure again what really came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Frame, MeshAnimation
+from meshmark.carrier import Chips, measure
+from meshmark.errors import CapacityError, InputError, MeshmarkError
+from meshmark.hookspecs import Scheme
+from meshmark.keys import Key
+from meshmark.parallel import ordered_map
+from meshmark.restraint import restrain
+from meshmark.scratch import DisplacedFrames, ScratchFile
+from meshmark.statistics import log10_p_words
+from meshmark.welding import Welding
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+ROUNDS = 6
+# Aim past the target: rounding to float32 and neighbours that move too eat a little.
+OVERSHOOT = 1.15
+LAYOUT_ROUNDS = 4
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """All that is needed to mark one frame; picklable, for worker processes.
+
+    Parameters
+    ----------
+    scheme : Scheme
+        Where carriers come from and how vertices move.
+    welding : Welding
+        The mesh as analysis sees it.
+    layout : object
+        What the scheme found in the first frame.
+    words : (C, K) int
+        Target sign of every chip.
+    generator : numpy.random.Generator
+        Seeded by the key. Every frame starts from this very state, so that what is chosen at
+        random is chosen alike over time.
+    reference : Frame, optional
+        The first frame and, in `marked`, what became of it: for schemes that carry moves.
+    """
+
+    scheme: Scheme
+    welding: Welding
+    layout: Any
+    words: IntArray
+    generator: np.random.Generator
+    reference: tuple[Frame, Frame] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Embedded:
+    """A marked mesh, and what was written into it.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        All frames, those outside `frames` untouched.
+    frames : tuple of int
+        Indices of the marked frames.
+    carriers : int
+        Number of carriers.
+    """
+
+    animation: MeshAnimation
+    frames: tuple[int, ...]
+    carriers: int
+
+
+def embed_animation(
+    animation: MeshAnimation,
+    scheme: Scheme,
+    scheme_name: str,
+    key: Key,
+    *,
+    recipient: str | None = None,
+    frames: tuple[int, ...] | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Embedded:
+    """Mark one mesh.
+
+    Parameters
+    ----------
+    frames : tuple of int, optional
+        Indices of the frames to mark; all by default.
+    jobs : int
+        Worker processes.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+
+    Raises
+    ------
+    InputError
+        If the connectivity changes over time.
+    CapacityError
+        If the mesh cannot hold a mark.
+    """
+    if not animation.constant_topology:
+        raise InputError(
+            "the connectivity changes over time; a mark needs vertices that keep their identity",
+            source=animation.origin,
+            prim=animation.prim,
+        )
+    chosen = tuple(range(len(animation))) if frames is None else frames
+    words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
+    first = animation[chosen[0]]
+    try:
+        plan = settle(first, scheme, words, key.generator(f"embed/{scheme_name}"))
+    except CapacityError as error:
+        raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
+    scratch = ScratchFile.create(first.topology.n_points)
+    scratch.write(len(animation) - 1, np.zeros_like(first.points))
+    work = MarkFrame(animation, plan)
+    for done, (index, displacement) in enumerate(_marked(work, chosen, jobs), start=1):
+        scratch.write(index, displacement)
+        if progress is not None:
+            progress(done, len(chosen))
+    marked = replace(animation, source=DisplacedFrames(animation.source, scratch))
+    return Embedded(marked, chosen, len(plan.words))
+
+
+def _marked(
+    work: MarkFrame, chosen: tuple[int, ...], jobs: int
+) -> Iterator[tuple[int, FloatArray]]:
+    return zip(chosen, ordered_map(work, chosen, jobs=jobs), strict=True)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkFrame:
+    """Marks frame after frame of an animation by one plan."""
+
+    animation: MeshAnimation
+    plan: Plan
+
+    def __call__(self, index: int) -> FloatArray:
+        """Return the displacement (N, 3) of every point of frame `index`."""
+        frame = self.animation[index]
+        try:
+            analysed = self.plan.welding.frame(frame)
+            return self.plan.welding.spread(mark(analysed, self.plan) - analysed.points)
+        except MeshmarkError as error:
+            raise type(error)(
+                error.message,
+                source=self.animation.origin,
+                prim=self.animation.prim,
+                time=frame.time,
+            ) from None
+
+
+def settle(
+    first: Frame, scheme: Scheme, words: IntArray, generator: np.random.Generator
+) -> Plan:
+    """Find a layout of the first frame that its own marked version leads back to.
+
+    Detection has the marked frame only. Where its layout differs from the one that was marked
+    (a part's cut may shift by an edge), the mark is laid over that one instead, and so on;
+    the layout under which blind detection does best is kept.
+    """
+    welding = Welding.of(first)
+    analysed = welding.frame(first)
+    layout = scheme.layout(analysed)
+    best: tuple[float, Plan] | None = None
+    for _ in range(LAYOUT_ROUNDS):
+        n_carriers = len(scheme.carriers(analysed, layout))
+        targets = words[np.arange(n_carriers) % len(words)]
+        plan = Plan(scheme, welding, layout, targets, generator)
+        marked = analysed.moved(drive(analysed, plan).astype(np.float32).astype(np.float64))
+        layout = scheme.layout(marked)
+        score, agreed = _blind_score(marked, scheme, layout, words, plan)
+        if best is None or score < best[0]:
+            best = (score, replace(plan, reference=(analysed, marked)))
+        if agreed:
+            break
+    assert best is not None
+    return best[1]
+
+
+def _blind_score(
+    marked: Frame, scheme: Scheme, layout: Any, words: IntArray, plan: Plan
+) -> tuple[float, bool]:
+    chips = measure(scheme.carriers(marked, layout))
+    S = np.clip(chips.value / scheme.strength, -1.0, 1.0)
+    same = chips.value.shape == plan.words.shape
+    agreed = same and bool(np.all(_shortfall(chips, plan.words, 0.5 * scheme.strength) == 0.0))
+    return float(log10_p_words(S, words)), agreed
+
+
+def mark(frame: Frame, plan: Plan) -> FloatArray:
+    """Return the marked positions (N, 3) of one analysed frame."""
+    if plan.scheme.propagate == "delta" and plan.reference is not None:
+        reference, marked = plan.reference
+        if np.array_equal(frame.points, reference.points):
+            return marked.points
+        return plan.scheme.carry(frame, plan.layout, reference, marked, plan.words)
+    return drive(frame, plan)
+
+
+def drive(frame: Frame, plan: Plan) -> FloatArray:
+    """Bring every chip of a frame to its target, as far as it will go.
+
+    Returns
+    -------
+    (N, 3) float64
+        The positions under which the chips, measured anew, fell short of their targets least.
+    """
+    # A copy: every frame must draw the same numbers.
+    rng = np.random.Generator(np.random.PCG64())
+    rng.bit_generator.state = plan.generator.bit_generator.state
+    points = frame.points
+    best: tuple[float, FloatArray] = (np.inf, points)
+    for _ in range(ROUNDS):
+        current = frame.moved(points)
+        carriers = plan.scheme.carriers(current, plan.layout)
+        chips = measure(carriers)
+        lacking = _shortfall(chips, plan.words, plan.scheme.strength)
+        total = float(lacking.sum())
+        if total < best[0]:
+            best = (total, points)
+        if total == 0.0:
+            break
+        shifts = plan.words * lacking * OVERSHOOT
+        points = plan.scheme.move(current, plan.layout, carriers, list(shifts), rng)
+        points = restrain(frame.points, points, frame.faces)
+    return best[1]
+
+
+def _shortfall(chips: Chips, words: IntArray, strength: float) -> FloatArray:
+    """How far each chip is from its target, in bins; 0 for one that is there, or erased."""
+    return np.where(chips.held, np.maximum(0.0, strength - words * chips.value), 0.0)

@@ -1,0 +1,57 @@
+"""Keeps moved vertices from turning faces over."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+HALVINGS = 6
+# A face may tilt by at most this cosine (about 75 degrees) before its corners are held back:
+# short of 90 degrees, so that later rounding to float32 cannot complete the turn.
+LEAST_COSINE = 0.25
+
+
+def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
+    """Shorten moves until no face of area turns over.
+
+    Parameters
+    ----------
+    V, moved : (N, 3) float64
+        Positions before and after.
+    F : (F, 3) int
+        Triangles.
+
+    Returns
+    -------
+    (N, 3) float64
+        Positions between `V` and `moved`: the moves of an offending face's corners are halved
+        a few times, then dropped.
+    """
+    share = np.ones(len(V))
+    for _ in range(HALVINGS):
+        corners = _offending_corners(V, V + share[:, None] * (moved - V), F)
+        if corners.size == 0:
+            break
+        share[corners] *= 0.5
+    # Dropping a corner's move may tilt a neighbour that leaned on it: each pass drops more
+    # vertices, and with none moved nothing offends.
+    while (corners := _offending_corners(V, V + share[:, None] * (moved - V), F)).size:
+        share[corners] = 0.0
+    return V + share[:, None] * (moved - V)
+
+
+def _offending_corners(V: FloatArray, moved: FloatArray, F: IntArray) -> IntArray:
+    before, after = face_normals(V, F), face_normals(moved, F)
+    dot = np.einsum("ij,ij->i", before, after)
+    size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    touched = np.any(V[F] != moved[F], axis=(1, 2))
+    return np.unique(F[touched & (dot < LEAST_COSINE * size)])
+
+
+def face_normals(V: FloatArray, F: IntArray) -> FloatArray:
+    """Normals of triangles, (F, 3) float64, as long as twice the area."""
+    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
+    return np.cross(b - a, c - a)

@@ -1,0 +1,80 @@
+"""Displacements kept on disk: an animation being marked never has to fit into memory."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import weakref
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Frame, FrameSource
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DisplacedFrames:
+    """Frames of another source, with displacements added that lie in a scratch file.
+
+    Pickles as a path, so that worker processes see the same displacements; the file lives
+    as long as the `ScratchFile` that made it.
+    """
+
+    base: FrameSource
+    scratch: ScratchFile
+
+    def frame(self, index: int) -> Frame:
+        """Read frame `index` of the base and add its displacement."""
+        frame = self.base.frame(index)
+        return frame.moved(frame.points + self.scratch.read(index))
+
+
+@dataclass(frozen=True)
+class ScratchFile:
+    """A temporary file of T arrays (N, 3), float32 on disk and float64 outside.
+
+    A displacement is a small correction: in float32 it is exact to a ten-millionth of itself,
+    far below the rounding of the float32 positions it ends up in.
+    """
+
+    path: Path
+    n_points: int
+    _owner: object = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def create(cls, n_points: int) -> ScratchFile:
+        """Make an empty file, deleted when the returned object (not its copies) goes away."""
+        handle, name = tempfile.mkstemp(prefix="meshmark-", suffix=".scratch")
+        os.close(handle)
+        owner = _Owner()
+        weakref.finalize(owner, Path(name).unlink, missing_ok=True)
+        return cls(Path(name), n_points, owner)
+
+    def write(self, index: int, displacement: FloatArray) -> None:
+        """Store the displacement of frame `index`, (N, 3)."""
+        data = np.ascontiguousarray(displacement, dtype="<f4")
+        with self.path.open("r+b") as file:
+            file.seek(index * self._stride)
+            file.write(data.tobytes())
+
+    def read(self, index: int) -> FloatArray:
+        """Read the displacement of frame `index`, (N, 3) float64."""
+        data = np.fromfile(
+            self.path, dtype="<f4", count=3 * self.n_points, offset=index * self._stride
+        )
+        return data.reshape(-1, 3).astype(np.float64)
+
+    @property
+    def _stride(self) -> int:
+        return 12 * self.n_points
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (ScratchFile, (self.path, self.n_points))
+
+
+class _Owner:
+    """Something a finalizer can be tied to."""

@@ -1,0 +1,73 @@
+"""The mesh as analysis sees it: coincident points merged, faces without extent dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Frame, Topology
+from meshmark.errors import CapacityError
+from meshmark.topology import weld
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Welding:
+    """How one topology's points and triangles map to the mesh that is analysed.
+
+    Parameters
+    ----------
+    kept : (M,) int
+        Point of the frame that stands for each welded vertex.
+    new : (N,) int
+        Welded vertex of each point of the frame.
+    faces : (K,) int
+        Triangle of the frame behind each analysed triangle.
+    topology : Topology
+        Analysed triangles over the welded vertices.
+    """
+
+    kept: IntArray
+    new: IntArray
+    faces: IntArray
+    topology: Topology
+
+    @classmethod
+    def of(cls, frame: Frame) -> Welding:
+        """Weld the exactly coincident points of a frame, and drop points no face uses.
+
+        Raises
+        ------
+        CapacityError
+            If no triangle with three distinct corners is left.
+        """
+        _, F, new = weld(frame.points, frame.faces)
+        proper = np.flatnonzero(
+            (F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])
+        )
+        if proper.size == 0:
+            raise CapacityError("the mesh has no face with three distinct corners")
+        used, F = np.unique(F[proper], return_inverse=True)
+        slot = np.full(int(new.max()) + 1, -1)
+        slot[used] = np.arange(len(used))
+        new = slot[new]
+        kept = np.full(len(used), -1)
+        # Assigned in reverse, so that the first of several coincident points stays.
+        points = np.flatnonzero(new >= 0)[::-1]
+        kept[new[points]] = points
+        topology = Topology.from_triangles(F.reshape(-1, 3), len(used))
+        return cls(kept, new, proper, topology)
+
+    def frame(self, frame: Frame) -> Frame:
+        """Return a frame of the same topology as analysis sees it."""
+        return Frame(frame.time, frame.points[self.kept], self.topology)
+
+    def spread(self, displacement: FloatArray) -> FloatArray:
+        """Give every point of the frame the displacement (M, 3) of its welded vertex."""
+        moved = displacement[np.maximum(self.new, 0)]
+        moved[self.new < 0] = 0.0
+        return moved
