@@ -296,8 +296,8 @@ def test_new_files_hold_all_meshes_as_objects(tmp_path):
     assert frame.topology.counts[:3].tolist() == [4, 3, 3]
     np.testing.assert_array_equal(frame.topology.indices[7:] - 5, ball[0].topology.indices)
     assert b"\no /B\n" in (tmp_path / "out" / "0001.obj").read_bytes()
+    later = replace(ball, times=np.array([2.0]))
     with pytest.raises(UsageError, match="/B: its time codes differ"):
-        later = replace(ball, times=np.array([2.0]))
         write_new(Asset("x", (quad, later), "none"), tmp_path / "other")
 
 

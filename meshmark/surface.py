@@ -1,0 +1,174 @@
+"""A triangle mesh as a surface: points spread over it, and the closest of its points to others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.open3d_door import load_open3d
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class ClosestPoints:
+    """Built once on a mesh, asked many times for the closest points of its surface.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles, at least one.
+
+    Notes
+    -----
+    The closest triangle is found by open3d in single precision, in coordinates that put the
+    mesh into the unit cube about the origin; the point in the triangle is then computed in
+    double precision. Near ties between triangles the distance errs by about 1e-7 of the
+    mesh's extent at worst, elsewhere not at all.
+    """
+
+    def __init__(self, V: FloatArray, F: IntArray) -> None:
+        o3d = load_open3d()
+        self._V, self._F = V, F
+        self._centre = (V.min(axis=0) + V.max(axis=0)) / 2
+        self._scale = float(np.ptp(V, axis=0).max()) or 1.0
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(self._local(V), np.ascontiguousarray(F, dtype=np.uint32))
+
+    def find(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Find the closest point of the surface to each query.
+
+        Parameters
+        ----------
+        Q : (n, 3) float64
+            Query points.
+
+        Returns
+        -------
+        face : (n,) int
+            Triangle each closest point lies in.
+        weights : (n, 3) float64
+            Its barycentric coordinates there.
+        """
+        answer = self._scene.compute_closest_points(self._local(Q))
+        face = answer["primitive_ids"].numpy().astype(np.int64)
+        a, b, c = (self._V[self._F[face, k]] for k in range(3))
+        return face, closest_in_triangle(Q, a, b, c)
+
+    def points(self, Q: FloatArray) -> FloatArray:
+        """Compute the closest point of the surface to each query, (n, 3)."""
+        face, weights = self.find(Q)
+        points: FloatArray = np.einsum("ij,ijk->ik", weights, self._V[self._F[face]])
+        return points
+
+    def distances(self, Q: FloatArray) -> FloatArray:
+        """Compute the distance of each query from the surface, (n,)."""
+        distance: FloatArray = np.linalg.norm(self.points(Q) - Q, axis=1)
+        return distance
+
+    def _local(self, P: FloatArray) -> NDArray[np.float32]:
+        local: FloatArray = (P - self._centre) / self._scale
+        return local.astype(np.float32)
+
+
+def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Compute barycentric coordinates of the point of triangle i closest to point i.
+
+    Parameters
+    ----------
+    P, a, b, c : (n, 3) float64
+        Points, and the corners of a triangle for each; triangles without area will do.
+
+    Returns
+    -------
+    (n, 3) float64
+        Weights of a, b and c, none negative, summing to 1.
+    """
+    weights = _plane_weights(P, a, b, c)
+    outside = (weights < 0).any(axis=1)
+    # Where the foot of the perpendicular is outside, the closest point lies on an edge.
+    weights[outside] = _closest_on_edges(P[outside], a[outside], b[outside], c[outside])
+    return weights
+
+
+def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator) -> FloatArray:
+    """Spread points over a surface, evenly by area.
+
+    Faces are visited in order with one sample for each n-th of the area (systematic sampling),
+    which spreads them better than independent draws would.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles, of some area in all.
+    n : int
+        Number of points.
+    rng : numpy.random.Generator
+        Places them within their stretch of area and within their face.
+
+    Returns
+    -------
+    (n, 3) float64
+        Points of the surface.
+    """
+    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    place = (np.arange(n) + rng.random(n)) / n
+    reached = np.cumsum(area) / area.sum()
+    face = np.minimum(np.searchsorted(reached, place, side="right"), len(F) - 1)
+    # Folding the unit square along its diagonal makes it a triangle.
+    u, v = rng.random((2, n))
+    over = u + v > 1
+    u[over], v[over] = 1 - u[over], 1 - v[over]
+    weights = np.stack([1 - u - v, u, v], axis=1)
+    points: FloatArray = np.einsum("ij,ijk->ik", weights, V[F[face]])
+    return points
+
+
+def _plane_weights(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Compute barycentric coordinates of the feet of perpendiculars; -1 without a plane."""
+    u, v, w = b - a, c - a, P - a
+    uu, uv, vv = _dot(u, u), _dot(u, v), _dot(v, v)
+    wu, wv = _dot(w, u), _dot(w, v)
+    determinant = uu * vv - uv**2
+    flat = determinant <= 1e-24 * uu * vv
+    safe = np.where(flat, 1.0, determinant)
+    s = (vv * wu - uv * wv) / safe
+    t = (uu * wv - uv * wu) / safe
+    weights = np.stack([1 - s - t, s, t], axis=1)
+    weights[flat] = -1.0
+    return weights
+
+
+def _closest_on_edges(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Compute barycentric coordinates of the closest points of the triangles' borders."""
+    t = [_segment_weights(P, *ends) for ends in ((a, b), (b, c), (c, a))]
+    zero = np.zeros(len(P))
+    candidates = np.stack(
+        [
+            np.stack([1 - t[0], t[0], zero], axis=1),
+            np.stack([zero, 1 - t[1], t[1]], axis=1),
+            np.stack([t[2], zero, 1 - t[2]], axis=1),
+        ]
+    )
+    points = np.einsum("kij,ijx->kix", candidates, np.stack([a, b, c], axis=1))
+    nearest = np.argmin(np.sum((points - P) ** 2, axis=2), axis=0)
+    weights: FloatArray = candidates[nearest, np.arange(len(P))]
+    return weights
+
+
+def _segment_weights(P: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Compute how far along a segment its closest point is, in [0, 1]."""
+    u = b - a
+    uu = _dot(u, u)
+    t = np.divide(_dot(P - a, u), uu, out=np.zeros(len(P)), where=uu > 0)
+    return np.clip(t, 0.0, 1.0)
+
+
+def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
+    dots: FloatArray = np.einsum("ij,ij->i", x, y)
+    return dots

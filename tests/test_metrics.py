@@ -1,0 +1,259 @@
+from __future__ import annotations
+
+import math
+import pickle
+import time
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.errors import InputError, UsageError
+from meshmark.metrics import (
+    distortion,
+    flicker,
+    flipped_faces,
+    hausdorff,
+    max_move_edges,
+    mrms,
+    surface_distance,
+)
+from meshmark.testing.attacks import bending_ball, sphere
+
+
+def plane(n: int, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulate a square of n by n cells in the plane z = 0."""
+    x, y = np.meshgrid(np.linspace(0, size, n + 1), np.linspace(0, size, n + 1), indexing="ij")
+    V = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    k = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (q.ravel() for q in (k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]))
+    return V, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def up(z: float) -> np.ndarray:
+    return np.array([0.0, 0.0, z])
+
+
+def test_parallel_planes_are_their_distance_apart():
+    V, F = plane(8)
+    result = surface_distance(V, F, V + up(0.25), F)
+    assert result.hausdorff == pytest.approx(0.25, abs=1e-7)
+    assert result.mrms == pytest.approx(0.25, abs=1e-7)
+    assert result.diagonal == pytest.approx(math.sqrt(2))
+
+
+def test_tilted_plane_has_the_mean_square_of_its_heights():
+    # z = h x over a flat unit square: going back down costs h x cos(atan h), largest h cos(atan h)
+    # where the foot still lies inside; h small makes both directions agree with h x.
+    V, F = plane(4)
+    h = 1e-3
+    W = V.copy()
+    W[:, 2] = h * V[:, 0]
+    result = surface_distance(V, F, W, F, samples=40_000)
+    assert result.hausdorff == pytest.approx(h, rel=1e-3)
+    assert result.mrms == pytest.approx(h / math.sqrt(3), rel=5e-3)
+
+
+def test_concentric_spheres_are_the_difference_of_radii_apart():
+    V, F = sphere(6000)
+    W, G = sphere(4000)
+    result = surface_distance(V, F, 1.1 * W, G)
+    sagitta = 2e-3
+    assert result.hausdorff == pytest.approx(0.1, abs=sagitta)
+    assert result.mrms == pytest.approx(0.1, abs=sagitta)
+
+
+def test_one_sided_excess_is_seen_from_both_sides():
+    # A square and its half: every point of the half is on the square, but not the other way.
+    V, F = plane(2)
+    W = V * [0.5, 1, 1]
+    for pair in [(V, F, W, F), (W, F, V, F)]:
+        assert hausdorff(*pair) == pytest.approx(0.5, abs=1e-12)
+        # Half of the area is at distance 0, the rest uniformly in [0, 1/2].
+        assert mrms(*pair) == pytest.approx(math.sqrt(0.5 * 0.25 / 3), rel=0.01)
+
+
+def test_sliding_within_the_surface_costs_nothing():
+    V, F = plane(20)
+    W = V.copy()
+    inner = (V > 0).all(axis=1, where=[True, True, False])
+    inner &= (V < 1).all(axis=1, where=[True, True, False])
+    W[inner, :2] += np.random.default_rng(0).uniform(-0.01, 0.01, (inner.sum(), 2))
+    assert hausdorff(V, F, W, F) < 1e-8
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e4])
+def test_identical_meshes_show_no_distance(offset):
+    V, F = sphere(3000)
+    V = V + offset
+    result = surface_distance(V, F, V.copy(), F.copy())
+    assert result.hausdorff < 1e-7 * result.diagonal
+    assert result.mrms < 1e-9 * result.diagonal
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_tiny_distances_survive_single_precision(offset):
+    V, F = plane(30)
+    shift = 1e-6
+    result = surface_distance(V + offset, F, V + offset + up(shift), F)
+    assert result.mrms == pytest.approx(shift, rel=1e-5)
+
+
+def test_distances_scale_and_are_the_same_for_any_order_of_faces():
+    V, F = sphere(500)
+    W = V * [1, 1.05, 1]
+    one = surface_distance(V, F, W, F)
+    two = surface_distance(7 * V, F, 7 * W, F)
+    assert two.hausdorff == pytest.approx(7 * one.hausdorff)
+    assert two.mrms == pytest.approx(7 * one.mrms)
+    three = surface_distance(V, F[::-1], W, F)
+    assert three.mrms == pytest.approx(one.mrms, rel=0.01)
+
+
+def test_a_mesh_without_extent_cannot_be_compared():
+    V, F = sphere(50)
+    with pytest.raises(InputError, match="without extent"):
+        surface_distance(np.zeros((3, 3)), np.array([[0, 1, 2]]), V, F)
+    with pytest.raises(InputError, match="without faces"):
+        surface_distance(V, F, V, F[:0])
+
+
+def test_flipped_faces_are_those_turned_beyond_a_right_angle():
+    # Three triangles hinged on the x axis; their free corners turn by 80, 100 and 180 degrees.
+    angle = np.radians([80, 100, 180])
+    V0 = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0]])
+    V1 = V0.copy()
+    V1[2:] = np.stack([np.zeros(3), np.cos(angle), np.sin(angle)], axis=1)
+    F = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    assert flipped_faces(V0, V1, F) == 2
+    assert flipped_faces(V0, V0, F) == 0
+
+
+def test_faces_without_area_are_not_counted_as_flipped():
+    V0 = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    F = np.array([[0, 1, 2], [0, 0, 3], [0, 1, 3]])
+    V1 = V0 * [1, -1, 1]
+    V1[1] += [0, -1e-3, 0]
+    # The first was a needle, the second has a corner twice; only the third really turned.
+    assert flipped_faces(V0, V1, F) == 1
+    V1[3] = [3, 0, 0]
+    V1[1] = [1, 0, 0]
+    assert flipped_faces(V0, V1, F) == 0
+
+
+def test_moves_are_counted_in_mean_edge_lengths():
+    # A right triangle 3, 4, 5: mean edge 4.
+    V = np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])
+    F = np.array([[0, 1, 2]])
+    assert max_move_edges(V, V + np.outer([2, 1, 0], up(1)), F) == pytest.approx(0.5)
+    assert max_move_edges(V, V, F) == 0.0
+
+
+def test_flicker_of_known_displacements():
+    D = np.random.default_rng(0).normal(size=(1, 400, 3))
+    still = np.repeat(D, 6, axis=0)
+    assert flicker(still) == 0.0
+    assert flicker(still * np.array([1, -1, 1, -1, 1, -1])[:, None, None]) == pytest.approx(2)
+    fresh = np.random.default_rng(1).normal(size=(60, 400, 3))
+    assert flicker(fresh) == pytest.approx(math.sqrt(2), rel=0.02)
+    assert flicker(0 * still) == 0.0
+    assert flicker(D) == 0.0
+    # A sine of period 60 changes by 2 sin(pi / 60) of its size a frame.
+    wave = np.sin(2 * np.pi * np.arange(61) / 60)[:, None, None] * D
+    assert flicker(wave) == pytest.approx(2 * math.sin(math.pi / 60), rel=0.02)
+
+
+def test_distortion_gathers_the_measures_over_frames():
+    V, F = plane(10, size=2.0)
+    heights = [0.1, 0.2, 0.4]
+    before = MeshAnimation.from_arrays(np.stack([V] * 3), F)
+    after = MeshAnimation.from_arrays(np.stack([V + up(h) for h in heights]), F)
+    found = distortion(before, after)
+    mean = np.mean(heights)
+    diagonal = 2 * math.sqrt(2)
+    edge = (220 * 0.2 + 100 * 0.2 * math.sqrt(2)) / 320
+    assert asdict(found) == pytest.approx(
+        {
+            "hausdorff": mean,
+            "mrms": mean,
+            "hausdorff_rel": mean / diagonal,
+            "mrms_rel": mean / diagonal,
+            "flipped_faces": 0.0,
+            "max_move_edges": mean / edge,
+            "flicker": math.sqrt((0.01 + 0.04) / 2 / ((0.01 + 0.04 + 0.16) / 3)),
+        }
+    )
+    assert distortion(before, after, [0]).hausdorff == pytest.approx(0.1)
+    assert distortion(before, after, [0, 2]).flicker == pytest.approx(
+        math.sqrt(0.09 / ((0.01 + 0.16) / 2))
+    )
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_relative_distances_do_not_depend_on_the_unit():
+    ball = bending_ball()
+    moved = ball.map(WobbleX())
+    metres = ball.map(Scale(0.01))
+    one, two = distortion(ball, moved), distortion(metres, moved.map(Scale(0.01)))
+    assert two.hausdorff_rel == pytest.approx(one.hausdorff_rel)
+    assert two.mrms_rel == pytest.approx(one.mrms_rel)
+    assert two.mrms == pytest.approx(0.01 * one.mrms)
+    assert two.flicker == pytest.approx(one.flicker)
+
+
+def test_other_connectivities_are_compared_as_surfaces_only():
+    V, F = plane(4)
+    W, G = plane(5)
+    still = [MeshAnimation.from_arrays(*mesh) for mesh in ((V, F), (W + up(0.5), G))]
+    found = distortion(*still)
+    assert found.hausdorff == pytest.approx(0.5)
+    assert all(map(math.isnan, (found.flipped_faces, found.max_move_edges, found.flicker)))
+
+
+def test_animations_of_different_lengths_cannot_be_compared():
+    ball = bending_ball()
+    with pytest.raises(UsageError, match="4 frames cannot be compared with 5"):
+        distortion(ball, ball.select(range(4)))
+    with pytest.raises(UsageError, match="no frame to compare"):
+        distortion(ball, ball, [])
+
+
+def test_polygons_are_measured_as_their_triangles():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    quad = Topology(np.array([4]), np.arange(4), 4)
+    pair = [MeshAnimation.from_frames([Frame(1.0, V + up(z), quad)]) for z in (0, 0.5)]
+    assert distortion(*pair).mrms == pytest.approx(0.5)
+
+
+def test_a_horse_frame_takes_a_tenth_of_a_second(data_folder):
+    from meshmark_plugins.readers.obj import ObjFrames
+
+    horse = ObjFrames().read(str(data_folder / "horse-gallop-obj")).meshes[0].select([0, 1, 2])
+    noisy = horse.map(WobbleX(1e-4))
+    begin = time.process_time()
+    found = distortion(horse, noisy)
+    # Processor time of two threads, with room for a busy machine.
+    assert time.process_time() - begin < 3 * 0.8
+    assert 1e-6 < found.mrms_rel < 1e-4
+
+
+class WobbleX:
+    """Moves points along x, otherwise at each time."""
+
+    def __init__(self, size: float = 0.01) -> None:
+        self.size = size
+
+    def __call__(self, frame: Frame) -> Frame:
+        wave = self.size * np.sin(frame.points[:, [1]] * 5 + frame.time)
+        return frame.moved(frame.points + wave * [1, 0, 0])
+
+
+class Scale:
+    """Scales points about the origin."""
+
+    def __init__(self, factor: float) -> None:
+        self.factor = factor
+
+    def __call__(self, frame: Frame) -> Frame:
+        return frame.moved(frame.points * self.factor)

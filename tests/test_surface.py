@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meshmark.surface import ClosestPoints, closest_in_triangle, sample_surface
+from meshmark.testing.attacks import sphere
+
+TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
+
+
+def closest(*points):
+    P = np.array(points, dtype=float)
+    corners = [np.repeat(corner[None], len(P), axis=0) for corner in TRIANGLE]
+    return closest_in_triangle(P, *corners) @ TRIANGLE
+
+
+def test_every_region_about_a_triangle():
+    found = closest([0.5, 0.2, 3], [-1, -1, 1], [3, 0, 0], [0, 5, 0], [1, -2, 0], [-1, 0.5, 0])
+    wanted = [[0.5, 0.2, 0], [0, 0, 0], [2, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0.5, 0]]
+    np.testing.assert_allclose(found, wanted, atol=1e-15)
+    # Beyond the hypotenuse x + 2 y = 2 the foot is on it.
+    np.testing.assert_allclose(closest([2, 2, 7]), [[1.2, 0.4, 0]], atol=1e-15)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_no_point_of_the_triangle_is_closer(seed):
+    rng = np.random.default_rng(seed)
+    a, b, c, p = rng.normal(size=(4, 1, 3)) * 10.0 ** rng.uniform(-3, 3, size=(4, 1, 1))
+    weights = closest_in_triangle(p, a, b, c)
+    assert weights.min() >= 0
+    assert weights.sum() == pytest.approx(1)
+    others = rng.dirichlet([0.5, 0.5, 0.5], size=200)
+    corners = np.concatenate([a, b, c])
+    d = np.linalg.norm(weights @ corners - p)
+    assert d <= np.linalg.norm(others @ corners - p, axis=1).min() * (1 + 1e-9)
+
+
+def test_triangles_without_area():
+    # A needle of length 2 along x, and a point.
+    a = np.array([[0.0, 0, 0], [1, 1, 1]])
+    b = np.array([[1.0, 0, 0], [1, 1, 1]])
+    c = np.array([[2.0, 0, 0], [1, 1, 1]])
+    P = np.array([[1.5, 3, 0], [1, 1, 4]])
+    weights = closest_in_triangle(P, a, b, c)
+    found = np.einsum("ij,ijk->ik", weights, np.stack([a, b, c], axis=1))
+    np.testing.assert_allclose(found, [[1.5, 0, 0], [1, 1, 1]], atol=1e-15)
+
+
+def test_closest_points_of_a_sphere_lie_on_its_faces():
+    V, F = sphere(1000)
+    Q = 1.5 * sphere(333)[0]
+    face, weights = ClosestPoints(V, F).find(Q)
+    P = np.einsum("ij,ijk->ik", weights, V[F[face]])
+    # The hull of 1000 points lies within 1 - cos(edge / 2) of the sphere.
+    np.testing.assert_allclose(np.linalg.norm(P, axis=1), 1.0, atol=0.01)
+    np.testing.assert_allclose(P, Q / 1.5, atol=0.1)
+
+
+def test_far_from_the_origin_nothing_is_lost():
+    V, F = sphere(1000)
+    Q = sphere(333)[0] * 1.01
+    near = ClosestPoints(V, F).distances(Q)
+    far = ClosestPoints(V + 4096.0, F).distances(Q + 4096.0)
+    np.testing.assert_allclose(far, near, atol=1e-7)
+
+
+def test_samples_are_even_by_area():
+    # Two triangles of areas 1 and 3 in planes z = 0 and z = 1.
+    V = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 1], [0, 3, 1]])
+    F = np.array([[0, 1, 2], [3, 4, 5]])
+    P = sample_surface(V, F, 4000, np.random.default_rng(0))
+    assert np.count_nonzero(P[:, 2] == 1) == 3000
+    # A triangle's mean is its centroid.
+    np.testing.assert_allclose(P[P[:, 2] == 0].mean(axis=0), [2 / 3, 1 / 3, 0], atol=0.03)
+    np.testing.assert_allclose(P[P[:, 2] == 1].mean(axis=0), [2 / 3, 1, 1], atol=0.04)
