@@ -1,7 +1,7 @@
 """How much a mesh or an animation was distorted, in the measures the field reports.
 
-Surface distances compare two triangle meshes that need not share a connectivity; the others
-compare the same vertices before and after.
+Surface distances compare two triangle meshes that need not share a connectivity (see
+`meshmark.surface_distance`); the others compare the same vertices before and after.
 """
 
 from __future__ import annotations
@@ -14,104 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Frame, MeshAnimation
-from meshmark.errors import InputError, UsageError
-from meshmark.surface import ClosestPoints, sample_surface
+from meshmark.errors import UsageError
+from meshmark.surface_distance import SurfaceDistance, hausdorff, mrms, surface_distance
 from meshmark.topology import edges
+
+__all__ = [
+    "Distortion",
+    "SurfaceDistance",
+    "distortion",
+    "flicker",
+    "flipped_faces",
+    "hausdorff",
+    "max_move_edges",
+    "mrms",
+    "surface_distance",
+]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # A face whose normal is shorter than this share of its longest edge squared has no direction.
 _SLIVER = 1e-12
-
-
-@dataclass(frozen=True)
-class SurfaceDistance:
-    """Distances between two surfaces, both ways.
-
-    Parameters
-    ----------
-    hausdorff : float
-        Largest distance from a point of either surface to the other.
-    mrms : float
-        Root of the area-weighted mean squared distance, the larger of the two directions.
-    diagonal : float
-        Diagonal of the first mesh's bounding box, to which both are put in relation.
-    """
-
-    hausdorff: float
-    mrms: float
-    diagonal: float
-
-
-def surface_distance(
-    V0: FloatArray,
-    F0: IntArray,
-    V1: FloatArray,
-    F1: IntArray,
-    *,
-    samples: int | None = None,
-    seed: int = 0,
-) -> SurfaceDistance:
-    """Measure how far two surfaces are apart.
-
-    Parameters
-    ----------
-    V0, V1 : (N, 3), (M, 3) float64
-        Vertex positions; those of the original first.
-    F0, F1 : (F, 3), (G, 3) int
-        Triangles; their numbers may differ.
-    samples : int, optional
-        Points spread over each surface, in proportion to area. By default one a face, and at
-        least 10,000: the mean distance then repeats to about one per cent.
-    seed : int
-        Seed of the places of the samples.
-
-    Returns
-    -------
-    SurfaceDistance
-        In the unit of the points.
-
-    Raises
-    ------
-    InputError
-        If a mesh has no face, or no extent.
-
-    Notes
-    -----
-    Every vertex is a sample for the Hausdorff distance too, since that is where a piecewise
-    linear surface has its extremes; the mean is over the area-weighted samples only. Identical
-    meshes give about 1e-8 of the diagonal or less (see `ClosestPoints`).
-
-    References
-    ----------
-    P. Cignoni, C. Rocchini, R. Scopigno, "Metro: measuring error on simplified surfaces",
-    Computer Graphics Forum 17(2), 1998, doi:10.1111/1467-8659.00236.
-    """
-    diagonal = float(np.linalg.norm(np.ptp(V0, axis=0))) if len(V0) else 0.0
-    if not diagonal > 0 or not len(F0) or not len(F1):
-        raise InputError("a mesh without faces or without extent has no surface to compare")
-    # One frame for both, so that nothing is lost to single precision far from the origin.
-    centre = (V0.min(axis=0) + V0.max(axis=0)) / 2
-    A, B = (V0 - centre) / diagonal, (V1 - centre) / diagonal
-    rng = np.random.default_rng(seed)
-    there = _one_sided(A, F0, B, F1, samples, rng)
-    back = _one_sided(B, F1, A, F0, samples, rng)
-    return SurfaceDistance(
-        hausdorff=diagonal * max(there[0], back[0]),
-        mrms=diagonal * max(there[1], back[1]),
-        diagonal=diagonal,
-    )
-
-
-def hausdorff(V0: FloatArray, F0: IntArray, V1: FloatArray, F1: IntArray) -> float:
-    """Measure the symmetric Hausdorff distance; see `surface_distance`."""
-    return surface_distance(V0, F0, V1, F1).hausdorff
-
-
-def mrms(V0: FloatArray, F0: IntArray, V1: FloatArray, F1: IntArray) -> float:
-    """Measure the maximum root mean square distance; see `surface_distance`."""
-    return surface_distance(V0, F0, V1, F1).mrms
 
 
 def flipped_faces(V0: FloatArray, V1: FloatArray, F: IntArray) -> int:
@@ -243,7 +166,15 @@ def distortion(
             total.add(after.points - before.points)
     means = [float(mean) for mean in np.mean(rows, axis=0)]
     corresponding = not math.isnan(means[-1])
-    return Distortion(*means, total.ratio() if corresponding else math.nan)
+    return Distortion(
+        hausdorff=means[0],
+        mrms=means[1],
+        hausdorff_rel=means[2],
+        mrms_rel=means[3],
+        flipped_faces=means[4],
+        max_move_edges=means[5],
+        flicker=total.ratio() if corresponding else math.nan,
+    )
 
 
 def _frame_distortion(
@@ -262,22 +193,6 @@ def _frame_distortion(
         return (*row, math.nan, math.nan)
     pair = (before.points, after.points, before.faces)
     return (*row, float(flipped_faces(*pair)), max_move_edges(*pair))
-
-
-def _one_sided(
-    V: FloatArray,
-    F: IntArray,
-    W: FloatArray,
-    G: IntArray,
-    samples: int | None,
-    rng: np.random.Generator,
-) -> tuple[float, float]:
-    """Measure the largest and the RMS distance from the surface (V, F) to (W, G)."""
-    n = max(10_000, len(F)) if samples is None else samples
-    P = sample_surface(V, F, n, rng)
-    corners = V[np.unique(F)]
-    d = ClosestPoints(W, G).distances(np.concatenate([P, corners]))
-    return float(d.max()), float(np.sqrt(np.mean(d[: len(P)] ** 2)))
 
 
 def _normals(V: FloatArray, F: IntArray) -> FloatArray:
