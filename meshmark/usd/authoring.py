@@ -1,0 +1,115 @@
+"""Marked points, authored over a mesh prim in its own space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd
+
+from meshmark.animation import MeshAnimation
+from meshmark.errors import OutputError, UsageError
+from meshmark.usd.frames import blamed
+from meshmark.usd.geometry import (
+    local_points,
+    local_to_world,
+    sample_times,
+    transformed,
+    turned,
+)
+from meshmark.usd.layers import StreamedLayer, extent
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+# Told of each frame as it is authored: time, points before and after.
+Witness = Callable[[float, Float32Array, Float32Array], None]
+
+# Moves below this fraction of the mesh's size are the rounding of float64, not moves.
+NO_MOVE = 1e-14
+
+
+def author_marked_points(
+    target: StreamedLayer, prim: Usd.Prim, marked: MeshAnimation, witness: Witness | None = None
+) -> None:
+    """Give a prim `points` and `extent` at every time its source has points.
+
+    A layer with any time sample hides all those of the layers below it, so the frames that were
+    not marked are authored too, as they are. Frames are asked for one at a time.
+
+    Raises
+    ------
+    UsageError
+        If a marked frame is at a time the source has no points at, or has another number of
+        points.
+    OutputError
+        If a marked point is not finite.
+    """
+    path = str(prim.GetPath())
+    points_spec, extent_spec = _specs(target.layer, path)
+    with blamed(marked.origin, path):
+        pairs = _matched(prim, marked)
+    for time, index in pairs:
+        with blamed(marked.origin, path, time):
+            original = np.asarray(local_points(prim, time), dtype=np.float32)
+            points = original
+            if index is not None:
+                points = _moved(prim, time, original, marked[index].points)
+        target.set_vectors(points_spec, time, points)
+        target.set_vectors(extent_spec, time, extent(points))
+        if witness is not None:
+            witness(time, original, points)
+
+
+def unmarked_times(prim: Usd.Prim, marked: MeshAnimation) -> FloatArray:
+    """List the times at which the source has points and the marked animation has none."""
+    times = sample_times(prim)
+    missing: FloatArray = times[~np.isin(_keys(times), _keys(marked.times))]
+    return missing
+
+
+def _specs(layer: Sdf.Layer, path: str) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
+    over = Sdf.CreatePrimInLayer(layer, path)
+    return (
+        Sdf.AttributeSpec(over, "points", Sdf.ValueTypeNames.Point3fArray),
+        Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array),
+    )
+
+
+def _matched(prim: Usd.Prim, marked: MeshAnimation) -> list[tuple[float, int | None]]:
+    """Pair every time of the source with the marked frame at that time, if there is one."""
+    times = sample_times(prim)
+    index_of = {key: index for index, key in enumerate(_keys(marked.times).tolist())}
+    strange = marked.times[~np.isin(_keys(marked.times), _keys(times))]
+    if strange.size:
+        raise UsageError(f"the source has no points at time {strange[0]:g}")
+    return [
+        (time, index_of.get(key))
+        for time, key in zip(times.tolist(), _keys(times).tolist(), strict=True)
+    ]
+
+
+def _keys(times: FloatArray) -> FloatArray:
+    # "No time" must equal itself, and come before every time.
+    return np.where(np.isnan(times), -np.inf, times)
+
+
+def _moved(prim: Usd.Prim, time: float, original: Float32Array, marked: FloatArray) -> Float32Array:
+    """Take the moves from world space into the prim's own; what has not moved keeps its bits."""
+    _require_fit(marked, len(original))
+    matrix = local_to_world(prim, time)
+    world = transformed(original, matrix)
+    move = marked - world
+    still = np.abs(move).max(axis=1) <= NO_MOVE * np.abs(world).max()
+    # A prim scaled to nothing in some direction cannot move that way: the pseudo-inverse.
+    inverse = np.linalg.pinv(matrix[:3, :3])
+    moved = (original + turned(move, inverse.astype(np.float64))).astype(np.float32)
+    return np.where(still[:, None], original, moved)
+
+
+def _require_fit(marked: FloatArray, n_points: int) -> None:
+    if marked.shape != (n_points, 3):
+        raise UsageError(f"{len(marked)} marked points for {n_points} in the source")
+    if not np.isfinite(marked).all():
+        raise OutputError("a marked point is not finite")

@@ -1,0 +1,88 @@
+"""A flattened deliverable out: one file in which no unmarked point survives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pxr import Usd
+
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.errors import UsageError
+from meshmark.usd.asset_paths import anchor_asset_paths
+from meshmark.usd.authoring import author_marked_points, unmarked_times
+from meshmark.usd.flattening import flattened, make_instances_editable
+from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
+from meshmark.usd.opening import open_stage
+from meshmark.usd.overlay import lay_over, refuse_to_overwrite
+from meshmark.usd.traces import Traces, replace_traces
+from meshmark.usd.writing import require_prim
+
+
+def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
+    """Write the original's stage as one self-contained file with the points of the marked meshes.
+
+    The stage is flattened: what it shows stays, what it is composed from (sublayers, references,
+    payloads, the variants not selected, classes, deactivated prims, value clips) goes. Then
+
+    - instances become ordinary prims, because every copy is its own mesh to mark;
+    - the default of points that have time samples goes: it would be an unmarked pose;
+    - any other array equal to the points of a marked mesh before marking, such as a reference
+      pose in a primvar or a copy of the mesh that was not marked, gets the marked points;
+    - paths to textures become relative to the output where they can; textures that lie inside a
+      .usdz are copied into the folder `<name of output>.assets` beside the output; paths to
+      layers, as in `assetInfo`, are removed.
+
+    Meshes that are neither marked nor copies of marked ones stay as they are. Equal input gives
+    equal bytes.
+
+    Parameters
+    ----------
+    original : Asset
+        As read by `read_stage`; only where it was read from matters.
+    marked : Asset
+        Meshes with points moved, world space, every frame. Meshes inside instances are welcome.
+    output : Path
+        A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+
+    Raises
+    ------
+    UsageError
+        If a marked mesh lacks a frame its source has, or does not fit the original.
+    OutputError
+        If the place cannot be written to or is part of the source.
+    """
+    stage = open_stage(original.source).stage
+    refuse_to_overwrite(stage, output)
+    for mesh in marked.meshes:
+        _require_every_frame(require_prim(stage, mesh, original.source), mesh)
+    with replacing(output) as beside, usd_output_errors(output):
+        overlay = beside.with_name("marked.usdc")
+        with new_layer(overlay) as target:
+            lay_over(target.layer, stage, original.source, overlay)
+            traces = _author(target, stage, marked)
+        delivered = Usd.Stage.Open(str(overlay))
+        make_instances_editable(delivered)
+        layer = flattened(delivered)
+        replace_traces(layer, traces)
+        anchor_asset_paths(layer, output)
+        layer.Export(str(beside))
+
+
+def _author(target: StreamedLayer, stage: Usd.Stage, marked: Asset) -> Traces:
+    traces = Traces()
+    for mesh in marked.meshes:
+        prim = stage.GetPrimAtPath(mesh.prim)
+        author_marked_points(target, prim, mesh, traces.witness(mesh.prim))
+    return traces
+
+
+def _require_every_frame(prim: Usd.Prim, mesh: MeshAnimation) -> None:
+    missing = unmarked_times(prim, mesh)
+    if missing.size:
+        raise UsageError(
+            f"{missing.size} frames of the source are not marked and would be delivered as they "
+            "are: mark every frame, or write an override layer",
+            source=mesh.origin,
+            prim=mesh.prim,
+            time=float(missing[0]),
+        )

@@ -1,0 +1,58 @@
+"""What pxr says about a stage, caught: its errors become ours, its warnings become notes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pxr import Tf, UsdUtils
+
+from meshmark.errors import InputError
+
+# Composition messages end in where the stage lives in memory, which differs from run to run.
+_NOISE = re.compile(r"\s*\((?:instantiating|recomposing|loading)[^()]*stage[^()]*\)\.?$")
+_MANGLED = re.compile(r"pxrInternal_\w+?__::")
+# Said after the error that has the reason.
+_EMPTY_TALK = "Failed to open layer"
+
+
+@contextmanager
+def caught(
+    source: str, *, prim: str | None = None, time: float | None = None
+) -> Iterator[list[str]]:
+    """Silence pxr, and turn what it raises into an `InputError` that says where.
+
+    Parameters
+    ----------
+    source, prim, time
+        What is being read, for the error.
+
+    Yields
+    ------
+    list of str
+        Filled, when the block ends, with what pxr would have printed: one line each, in
+        order, without repeats.
+    """
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    messages: list[str] = []
+    try:
+        yield messages
+    except Tf.ErrorException as error:
+        raise InputError(
+            f"not readable as USD: {reason(error)}", source=source, prim=prim, time=time
+        ) from None
+    finally:
+        said = (_one_line(item.commentary) for item in delegate.TakeUncoalescedDiagnostics())
+        messages.extend(dict.fromkeys(said))
+
+
+def reason(error: Tf.ErrorException) -> str:
+    """Say in one line what a pxr error is about."""
+    lines = [_one_line(item.commentary) for item in error.args]
+    telling = [line for line in lines if not line.startswith(_EMPTY_TALK)]
+    return next(iter([*telling, *lines]), "pxr gives no reason")
+
+
+def _one_line(text: str) -> str:
+    return _NOISE.sub("", _MANGLED.sub("", " ".join(text.split())))

@@ -1,0 +1,119 @@
+"""A mesh prim's arrays at one time, as numpy sees them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from meshmark.animation import Topology
+from meshmark.errors import InputError
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+
+
+def time_code(time: float) -> Usd.TimeCode:
+    """Return the USD time of a frame: NaN, no time at all, reads the first there is."""
+    return Usd.TimeCode.EarliestTime() if np.isnan(time) else Usd.TimeCode(time)
+
+
+def sample_times(prim: Usd.Prim) -> FloatArray:
+    """Return the times the points are sampled at, or a single NaN if they are not."""
+    times = UsdGeom.Mesh(prim).GetPointsAttr().GetTimeSamples()
+    return np.array(times if times else [np.nan], dtype=np.float64)
+
+
+def local_points(prim: Usd.Prim, time: float) -> NDArray[np.floating]:
+    """View the points in the prim's own space, (N, 3), without a copy.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one is not finite; the caller adds where.
+    """
+    value = UsdGeom.Mesh(prim).GetPointsAttr().Get(time_code(time))
+    if value is None or len(value) == 0:
+        raise InputError("the mesh has no points")
+    points: NDArray[np.floating] = np.asarray(value)
+    finite = np.isfinite(points)
+    if not finite.all():
+        first = int(np.flatnonzero(~finite.all(axis=1))[0])
+        raise InputError(f"point {first} is not finite: {points[first].tolist()}")
+    return points
+
+
+def local_to_world(prim: Usd.Prim, time: float) -> FloatArray:
+    """Return the matrix (4, 4) from the prim's own space to world space, for row vectors."""
+    cache = UsdGeom.XformCache(time_code(time))
+    return np.array(cache.GetLocalToWorldTransform(prim), dtype=np.float64)
+
+
+def transformed(points: NDArray[np.floating], matrix: FloatArray) -> FloatArray:
+    """Apply a matrix (4, 4) to row vectors (N, 3).
+
+    Column by column: what a matrix product rounds to depends on the threads it is given.
+    """
+    return _product(points.astype(np.float64), matrix) + matrix[3, :3]
+
+
+def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Apply the linear part of a matrix (4, 4) to row vectors (N, 3)."""
+    return _product(vectors, matrix)
+
+
+def _product(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
+    x, y, z = vectors[:, 0:1], vectors[:, 1:2], vectors[:, 2:3]
+    product: FloatArray = x * matrix[0, :3] + y * matrix[1, :3] + z * matrix[2, :3]
+    return product
+
+
+def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
+    """Read the polygons, wound so that their normals point outward in world space.
+
+    A prim may say that its faces are left-handed, and a mirroring transform turns any face
+    inside out: one of the two, not both, calls for the corners to be listed backwards.
+
+    Raises
+    ------
+    InputError
+        If there are no faces, or they do not fit the points; the caller adds where.
+    """
+    mesh = UsdGeom.Mesh(prim)
+    code = time_code(time)
+    counts = _ints(mesh.GetFaceVertexCountsAttr(), code)
+    indices = _ints(mesh.GetFaceVertexIndicesAttr(), code)
+    topology = Topology(counts, indices, n_points)
+    left_handed = mesh.GetOrientationAttr().Get(code) == UsdGeom.Tokens.leftHanded
+    mirrored = np.linalg.det(local_to_world(prim, time)[:3, :3]) < 0
+    if left_handed == mirrored:
+        return topology
+    return Topology(topology.counts, _backwards(topology.counts, topology.indices), n_points)
+
+
+def topology_varies(prim: Usd.Prim, times: FloatArray) -> bool:
+    """Tell whether the faces change over time; sampled but equal is constant."""
+    mesh = UsdGeom.Mesh(prim)
+    attributes = (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+    return any(_changes(attribute, times) for attribute in attributes)
+
+
+def _changes(attribute: Usd.Attribute, times: FloatArray) -> bool:
+    if not attribute.ValueMightBeTimeVarying():
+        return False
+    first = _ints(attribute, time_code(times[0]))
+    return any(not np.array_equal(first, _ints(attribute, time_code(t))) for t in times[1:])
+
+
+def _ints(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
+    value = attribute.Get(code)
+    # An attribute without a value is a mesh without faces: Topology says so.
+    return np.asarray(() if value is None else value, dtype=np.int64)
+
+
+def _backwards(counts: IntArray, indices: IntArray) -> IntArray:
+    """List each polygon's corners backwards, from the same first corner."""
+    start = np.repeat(np.cumsum(counts) - counts, counts)
+    corner = np.arange(indices.size) - start
+    return indices[start + (-corner) % np.repeat(counts, counts)]

@@ -1,0 +1,140 @@
+"""A layer on its way to disk: written beside its place, a batch at a time, then moved there."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Tf, Vt
+
+from meshmark.errors import OutputError, UsageError
+from meshmark.usd.diagnostics import caught, reason
+
+SUFFIXES = (".usd", ".usda", ".usdc")
+# A crate layer drops from memory what is saved; each save adds about a kilobyte, and the list of
+# sample times, to the file.
+BATCH_BYTES = 4 << 20
+
+
+@dataclass
+class StreamedLayer:
+    """A new layer whose time samples go to disk before they fill the memory.
+
+    Only the crate format (.usdc, .usd) can do that; text is held until the end.
+    """
+
+    layer: Sdf.Layer
+    _unsaved: int = field(default=0, init=False)
+
+    def set(self, attribute: Sdf.AttributeSpec, time: float, value: object, n_bytes: int) -> None:
+        """Give an attribute a time sample, or its default if the time is NaN."""
+        if np.isnan(time):
+            attribute.default = value
+        else:
+            self.layer.SetTimeSample(attribute.path, time, value)
+        self._unsaved += n_bytes
+        if self._unsaved > BATCH_BYTES and self.layer.GetFileFormat().formatId != "usda":
+            self.layer.Save()
+            self._unsaved = 0
+
+    def set_vectors(
+        self, attribute: Sdf.AttributeSpec, time: float, vectors: NDArray[np.float32]
+    ) -> None:
+        """Give an attribute (N, 3) float32 at a time, or as its default if the time is NaN."""
+        self.set(attribute, time, vec3f_array(vectors), vectors.nbytes)
+
+    def set_integers(
+        self, attribute: Sdf.AttributeSpec, time: float, integers: NDArray[np.int64]
+    ) -> None:
+        """Give an attribute integers at a time, or as its default if the time is NaN."""
+        value = Vt.IntArray.FromNumpy(np.ascontiguousarray(integers, dtype=np.int32))
+        self.set(attribute, time, value, 4 * integers.size)
+
+
+def vec3f_array(vectors: NDArray[np.float32]) -> Vt.Vec3fArray:
+    """Copy (N, 3) float32 into USD's own array type."""
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(vectors, dtype=np.float32))
+
+
+def extent(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the corners of the bounding box of (N, 3) points, (2, 3)."""
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+@contextmanager
+def new_layer(output: Path) -> Iterator[StreamedLayer]:
+    """Make a layer that appears at `output` when the block ends well, and nowhere otherwise.
+
+    Raises
+    ------
+    UsageError
+        If the name does not end in .usd, .usda or .usdc.
+    OutputError
+        If the place cannot be written to.
+    """
+    with replacing(output) as beside, usd_output_errors(output):
+        layer = Sdf.Layer.CreateNew(str(beside))
+        yield StreamedLayer(layer)
+        layer.Save()
+
+
+@contextmanager
+def replacing(output: Path) -> Iterator[Path]:
+    """Give a path beside `output` to write to, moved to `output` when the block ends well.
+
+    Raises
+    ------
+    UsageError
+        If the name does not end in .usd, .usda or .usdc.
+    OutputError
+        If the place cannot be written to.
+    """
+    if output.suffix not in SUFFIXES:
+        raise UsageError(f"must end in one of {', '.join(SUFFIXES)}", source=output)
+    with _os_errors(output):
+        # On the same disk, or it could not be moved in one step.
+        folder = tempfile.TemporaryDirectory(prefix=".meshmark-", dir=output.parent)
+    with folder as name:
+        beside = Path(name) / output.name
+        yield beside
+        with _os_errors(output):
+            beside.replace(output)
+
+
+@contextmanager
+def _os_errors(output: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror}", source=output) from None
+
+
+@contextmanager
+def usd_output_errors(output: Path) -> Iterator[None]:
+    """Silence pxr while it writes, and turn what it raises into an `OutputError`."""
+    with caught(str(output)):
+        try:
+            yield
+        except Tf.ErrorException as error:
+            raise OutputError(f"cannot be written: {reason(error)}", source=output) from None
+
+
+def sublayer_path(source: Path, output: Path) -> str:
+    """Return how a layer at `output` names the source: relative, if there is a way.
+
+    The names are compared as they are given: like USD's own resolver, this follows no links.
+    """
+    try:
+        relative = os.path.relpath(source.absolute(), output.absolute().parent)
+    except ValueError:
+        # Different drives on Windows.
+        return source.absolute().as_posix()
+    name = Path(relative).as_posix()
+    # Without the dot USD would also look for it on its search path.
+    return name if name.startswith("../") else f"./{name}"

@@ -1,0 +1,98 @@
+"""Open stages, kept open for a while in each process, and the files a stage is made of."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pxr import Ar, Usd, UsdUtils
+
+from meshmark.animation import Topology
+from meshmark.errors import InputError
+from meshmark.usd.diagnostics import caught
+
+# A process works on one source at a time, two when it compares; every stage held costs memory.
+KEPT_OPEN = 4
+
+
+@dataclass(frozen=True)
+class OpenStage:
+    """A stage, what pxr said while opening it, and the topologies already read from it.
+
+    The stage is shared by everybody in the process who reads that file: it must not be edited.
+    """
+
+    stage: Usd.Stage
+    warnings: tuple[str, ...]
+    topologies: dict[str, Topology] = field(default_factory=dict)
+
+
+_open: OrderedDict[tuple[int, str], tuple[tuple[int, ...], OpenStage]] = OrderedDict()
+
+
+def open_stage(source: str) -> OpenStage:
+    """Open a stage, or return the one this process already has open.
+
+    A file that has changed on disk since is opened again.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or pxr cannot read it.
+    """
+    path = _existing_file(source)
+    # A forked child must not use the stage its parent opened: pxr's threads did not survive.
+    key = (os.getpid(), str(path.absolute()))
+    stamp = _stamp(path)
+    kept = _open.pop(key, None)
+    if kept is None or kept[0] != stamp:
+        # Layers live as long as a stage holds them: the old one must go before the new is opened.
+        del kept
+        kept = (stamp, _opened(source))
+    _open[key] = kept
+    while len(_open) > KEPT_OPEN:
+        _open.popitem(last=False)
+    return kept[1]
+
+
+def stage_files(source: str) -> list[Path]:
+    """List the files a stage is composed from: its own first, the others by name.
+
+    Every layer that can contribute counts: sublayers, references, payloads, value clips, and
+    those of variants that are not selected. A package counts as one file. Textures do not.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read.
+    """
+    path = _existing_file(source)
+    with caught(source):
+        layers, _, _ = UsdUtils.ComputeAllDependencies(str(path))
+        names = {layer.realPath for layer in layers}
+    # A layer inside a package is named package.usdz[inner.usdc]: the package is the file.
+    outer = {Ar.SplitPackageRelativePathOuter(name)[0] for name in names if name}
+    own = path.resolve()
+    return [own, *sorted({Path(name).resolve() for name in outer} - {own})]
+
+
+def _opened(source: str) -> OpenStage:
+    with caught(source) as warnings:
+        stage = Usd.Stage.Open(source)
+    return OpenStage(stage, tuple(warnings))
+
+
+def _existing_file(source: str) -> Path:
+    path = Path(source)
+    if not path.exists():
+        raise InputError("no such file", source=source)
+    if not path.is_file():
+        raise InputError("not a file", source=source)
+    return path
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    status = path.stat()
+    return (status.st_mtime_ns, status.st_size, status.st_ino)

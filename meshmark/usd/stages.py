@@ -1,0 +1,110 @@
+"""A whole new stage out, from an animation of any origin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Tf, UsdGeom
+
+from meshmark.animation import Asset, MeshAnimation, Topology
+from meshmark.errors import OutputError
+from meshmark.usd.layers import StreamedLayer, extent, new_layer
+
+NAMELESS = "Mesh"
+
+
+def write_stage(asset: Asset, output: Path) -> None:
+    """Write the meshes of an asset as a new stage that depends on no other file.
+
+    Every mesh becomes a `Mesh` prim at its own path, below `Xform` prims that move nothing:
+    points are written in world space, float32, at the asset's time codes; faces once, or with
+    every frame where they change. Names USD does not allow are altered to ones it does, and a
+    mesh without a name becomes `/Mesh`. Frames are asked for one at a time. Equal input gives
+    equal bytes.
+
+    Parameters
+    ----------
+    asset : Asset
+        From any reader.
+    output : Path
+        A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written to, or a point is not finite.
+    """
+    with new_layer(output) as target:
+        _describe(target.layer, asset)
+        taken: set[Sdf.Path] = set()
+        for mesh in asset.meshes:
+            path = _free(_valid(mesh.prim), taken)
+            taken.add(path)
+            _write_mesh(target, path, mesh)
+        if taken:
+            first = _valid(asset.meshes[0].prim).GetPrefixes()[0]
+            target.layer.defaultPrim = first.name
+
+
+def _describe(layer: Sdf.Layer, asset: Asset) -> None:
+    root = layer.pseudoRoot
+    root.SetInfo(UsdGeom.Tokens.upAxis, asset.up_axis)
+    root.SetInfo(UsdGeom.Tokens.metersPerUnit, asset.meters_per_unit)
+    layer.timeCodesPerSecond = asset.fps
+    layer.framesPerSecond = asset.fps
+    times = np.concatenate([mesh.times for mesh in asset.meshes] or [np.empty(0)])
+    times = times[np.isfinite(times)]
+    if times.size:
+        layer.startTimeCode = float(times.min())
+        layer.endTimeCode = float(times.max())
+
+
+def _write_mesh(target: StreamedLayer, path: Sdf.Path, mesh: MeshAnimation) -> None:
+    prim = _mesh_prim(target.layer, path)
+    types = Sdf.ValueTypeNames
+    points = Sdf.AttributeSpec(prim, "points", types.Point3fArray)
+    box = Sdf.AttributeSpec(prim, "extent", types.Float3Array)
+    counts = Sdf.AttributeSpec(prim, "faceVertexCounts", types.IntArray)
+    indices = Sdf.AttributeSpec(prim, "faceVertexIndices", types.IntArray)
+    scheme = Sdf.AttributeSpec(prim, "subdivisionScheme", types.Token, Sdf.VariabilityUniform)
+    scheme.default = UsdGeom.Tokens.none
+    faces: Topology | None = None
+    for frame in mesh:
+        if faces is None or not mesh.constant_topology:
+            faces = frame.topology
+            time = np.nan if mesh.constant_topology else frame.time
+            target.set_integers(counts, time, faces.counts)
+            target.set_integers(indices, time, faces.indices)
+        P = frame.points.astype(np.float32)
+        if not np.isfinite(P).all():
+            raise OutputError(
+                "a point is not finite", source=mesh.origin, prim=mesh.prim, time=frame.time
+            )
+        target.set_vectors(points, frame.time, P)
+        target.set_vectors(box, frame.time, extent(P))
+
+
+def _mesh_prim(layer: Sdf.Layer, path: Sdf.Path) -> Sdf.PrimSpec:
+    for prefix in path.GetPrefixes():
+        prim = layer.GetPrimAtPath(prefix) or Sdf.CreatePrimInLayer(layer, prefix)
+        prim.specifier = Sdf.SpecifierDef
+        prim.typeName = prim.typeName or "Xform"
+    prim.typeName = "Mesh"
+    return prim
+
+
+def _valid(prim: str) -> Sdf.Path:
+    names = [name for name in prim.split("/") if name] or [NAMELESS]
+    path = Sdf.Path.absoluteRootPath
+    for name in names:
+        path = path.AppendChild(Tf.MakeValidIdentifier(name))
+    return path
+
+
+def _free(path: Sdf.Path, taken: set[Sdf.Path]) -> Sdf.Path:
+    free, n = path, 2
+    while free in taken:
+        free = path.ReplaceName(f"{path.name}_{n}")
+        n += 1
+    return free

@@ -1,0 +1,68 @@
+"""An override layer out: a file that sublayers its source and holds nothing but moved points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pxr import Usd
+
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.errors import OutputError, UsageError
+from meshmark.usd.authoring import author_marked_points
+from meshmark.usd.layers import new_layer
+from meshmark.usd.opening import open_stage
+from meshmark.usd.overlay import lay_over, refuse_to_overwrite
+
+
+def write_override(original: Asset, marked: Asset, output: Path) -> None:
+    """Write a layer over the original's file with the points of the marked meshes.
+
+    The layer holds only `over` specs with `points` and `extent`, at every time the source has
+    points (its default where it has no samples), and the metadata without which it would not
+    look the same as the source. The source's files are only read. Equal input gives equal bytes.
+
+    Parameters
+    ----------
+    original : Asset
+        As read by `read_stage`; only where it was read from matters.
+    marked : Asset
+        Any of its meshes with points moved, world space, possibly only some frames. Meshes
+        inside instances are skipped: USD lets nothing be said about them from outside.
+    output : Path
+        A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written to, is part of the source, or nothing can be marked there.
+    UsageError
+        If the marked meshes do not fit the original.
+    """
+    stage = open_stage(original.source).stage
+    refuse_to_overwrite(stage, output)
+    pairs = [(require_prim(stage, mesh, original.source), mesh) for mesh in marked.meshes]
+    pairs = [(prim, mesh) for prim, mesh in pairs if not prim.IsInstanceProxy()]
+    if not pairs:
+        raise OutputError(
+            "every marked mesh is inside an instance, which no override layer can change; "
+            "write a flattened deliverable instead",
+            source=original.source,
+        )
+    with new_layer(output) as target:
+        lay_over(target.layer, stage, original.source, output)
+        for prim, mesh in pairs:
+            author_marked_points(target, prim, mesh)
+
+
+def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:
+    """Find the prim a marked mesh belongs to.
+
+    Raises
+    ------
+    UsageError
+        If the stage has none there.
+    """
+    prim = stage.GetPrimAtPath(mesh.prim)
+    if not prim:
+        raise UsageError("the source has no such prim", source=source, prim=mesh.prim)
+    return prim
