@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Topology
+from meshmark.errors import InputError
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
@@ -36,3 +38,59 @@ def restrict(topology: Topology, keep: BoolArray) -> tuple[IntArray, Topology | 
     indices, renamed = np.unique(corners, return_inverse=True)
     kept = Topology(topology.counts[~lost], renamed.reshape(-1), len(indices))
     return indices, kept
+
+
+def polygon_edges(topology: Topology) -> tuple[IntArray, IntArray]:
+    """List the edges of the polygons themselves, without diagonals.
+
+    Returns
+    -------
+    edges : (E, 2) int
+        Each undirected edge once, lower index first.
+    uses : (E,) int
+        Number of polygons along each edge: 1 on a border.
+    """
+    ends = np.cumsum(topology.counts)
+    following = np.arange(1, len(topology.indices) + 1)
+    following[ends - 1] = ends - topology.counts
+    half = np.stack([topology.indices, topology.indices[following]], axis=1)
+    half = np.sort(half[half[:, 0] != half[:, 1]], axis=1)
+    edges, uses = np.unique(half, axis=0, return_counts=True)
+    return edges, uses
+
+
+def permute(topology: Topology, vertices: IntArray, polygons: IntArray) -> Topology:
+    """Rename vertices and put polygons into another order.
+
+    Parameters
+    ----------
+    topology : Topology
+        Polygons over N points.
+    vertices : (N,) int
+        Permutation: vertex i of the result is vertex `vertices[i]` of the input.
+    polygons : (P,) int
+        Permutation: polygon i of the result is polygon `polygons[i]` of the input.
+    """
+    renamed = np.empty_like(vertices)
+    renamed[vertices] = np.arange(len(vertices))
+    counts = topology.counts[polygons]
+    start = (np.cumsum(topology.counts) - topology.counts)[polygons]
+    within = np.arange(len(topology.indices)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return Topology(
+        counts, renamed[topology.indices[np.repeat(start, counts) + within]], topology.n_points
+    )
+
+
+def require_triangles(V: FloatArray, F: IntArray, attack: str) -> tuple[FloatArray, IntArray]:
+    """Drop vertices without a triangle and triangles with a repeated corner; insist on some left.
+
+    Raises
+    ------
+    InputError
+        If no triangle is left.
+    """
+    proper = (F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])
+    if not proper.any():
+        raise InputError(f"{attack} leaves no face")
+    kept, renamed = np.unique(F[proper], return_inverse=True)
+    return V[kept], renamed.reshape(-1, 3)

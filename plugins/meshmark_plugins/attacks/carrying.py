@@ -1,0 +1,89 @@
+"""One connectivity for a whole animation: what was made on one frame, carried to the others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from meshmark.animation import Frame, Topology
+from meshmark.surface import ClosestPoints
+from meshmark_plugins.attacks.frames import CombinePoints, KeepPoints
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_CANDIDATES = 16
+
+
+def carry_by_vertices(frame: Frame, V: FloatArray, F: IntArray) -> KeepPoints:
+    """Put each vertex of a smaller mesh on a vertex of the frame, each on one of its own.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame the smaller mesh was made from.
+    V : (M, 3) float64
+        Its vertices, M <= N.
+    F : (F, 3) int
+        Its triangles.
+    """
+    return KeepPoints(nearest_distinct(frame.points, V), Topology.from_triangles(F, len(V)))
+
+
+def carry_by_surface(frame: Frame, V: FloatArray, F: IntArray) -> CombinePoints:
+    """Pin each vertex of another mesh to the closest point of the frame's surface.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame the other mesh was made from.
+    V : (M, 3) float64
+        Its vertices.
+    F : (F, 3) int
+        Its triangles.
+    """
+    face, weights = ClosestPoints(frame.points, frame.faces).find(V)
+    rows = np.repeat(np.arange(len(V)), 3)
+    shape = (len(V), len(frame.points))
+    W = csr_matrix((weights.ravel(), (rows, frame.faces[face].ravel())), shape=shape)
+    return CombinePoints(W, Topology.from_triangles(F, len(V)))
+
+
+def nearest_distinct(V: FloatArray, P: FloatArray) -> IntArray:
+    """Give each point a near vertex that no other point has.
+
+    Every point asks for the nearest vertex that is free; where several ask for the same, the
+    nearest point has it, and the others ask again.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertices.
+    P : (M, 3) float64
+        Points, M <= N.
+
+    Returns
+    -------
+    (M,) int
+        Vertex of each point, all different.
+    """
+    given = np.full(len(P), -1, dtype=np.int64)
+    free = np.arange(len(V))
+    while (waiting := np.flatnonzero(given < 0)).size:
+        k = min(_CANDIDATES, len(free))
+        distance, place = cKDTree(V[free]).query(P[waiting], k=k)
+        distance, place = distance.reshape(-1, k), place.reshape(-1, k)
+        taken = np.zeros(len(free), dtype=bool)
+        open_ = np.ones(len(waiting), dtype=bool)
+        for column in range(k):
+            asking = np.flatnonzero(open_ & ~taken[place[:, column]])
+            order = asking[np.argsort(distance[asking, column], kind="stable")]
+            vertices, first = np.unique(place[order, column], return_index=True)
+            winners = order[first]
+            given[waiting[winners]] = free[vertices]
+            taken[vertices] = True
+            open_[winners] = False
+        free = free[~taken]
+    return given
