@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
-from usd_stages import (
-    CUBE_COUNTS,
-    CUBE_INDICES,
-    CUBE_POINTS,
-    cube,
-    moved,
-    points_at,
-    sampled,
-    write_text,
-)
+from usd_stages import CUBE_POINTS, FRAMES, cube, digest, moved, points_at, sampled, write_text
 
-from meshmark.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
-from meshmark.errors import MeshmarkError, OutputError, UsageError
+from meshmark.errors import OutputError
 from meshmark.usd import layers
-from meshmark.usd.parts import palette, write_parts
 from meshmark.usd.reading import read_stage
-from meshmark.usd.stages import write_stage
 from meshmark.usd.writing import write_override
-
-FRAMES = {1: CUBE_POINTS, 2: CUBE_POINTS + 1, 4.5: CUBE_POINTS * 2}
-
-
-def digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def specs(layer: Sdf.Layer) -> list[Sdf.Path]:
@@ -143,62 +122,6 @@ def test_only_the_marked_meshes_are_authored(tmp_path: Path) -> None:
     assert [prim.name for prim in layer.rootPrims] == ["b"]
 
 
-@settings(max_examples=20, deadline=None)
-@given(
-    angles=st.tuples(*[st.floats(-180, 180)] * 3),
-    scale=st.tuples(*[st.floats(0.01, 100)] * 3),
-    shift=st.tuples(*[st.floats(-1000, 1000)] * 3),
-)
-def test_moves_return_to_local_space(
-    tmp_path_factory: pytest.TempPathFactory,
-    angles: tuple[float, ...],
-    scale: tuple[float, ...],
-    shift: tuple[float, ...],
-) -> None:
-    folder = tmp_path_factory.mktemp("xform")
-    body = f"""
-    def Xform "x"
-    {{
-        double3 xformOp:translate = {shift}
-        double3 xformOp:rotateXYZ = {angles}
-        double3 xformOp:scale = {scale}
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ", "xformOp:scale"]
-        {cube(points=sampled(FRAMES))}
-    }}
-    """
-    original = read_stage(write_text(folder / "a.usda", body))
-    step = np.zeros((8, 3))
-    step[3] = [0.25, -0.5, 0.125]
-    mesh = original.meshes[0].map(lambda frame: frame.moved(frame.points + step))
-    write_override(original, replace(original, meshes=(mesh,)), folder / "o.usdc")
-    stage = Usd.Stage.Open(str(folder / "o.usdc"))
-    again = read_stage(str(folder / "o.usdc")).meshes[0]
-    for index, (time, points) in enumerate(FRAMES.items()):
-        local = points_at(stage, "/x/cube", time)
-        still = np.arange(8) != 3
-        np.testing.assert_array_equal(local[still], points[still])
-        size = np.abs(local[3]).max() * max(scale)
-        np.testing.assert_allclose(
-            again[index].points[3], mesh[index].points[3], rtol=0, atol=4e-7 * size
-        )
-
-
-def test_a_prim_squeezed_flat_moves_where_it_can(tmp_path: Path) -> None:
-    body = f"""
-    def Xform "flat"
-    {{
-        double3 xformOp:scale = (2, 1, 0)
-        uniform token[] xformOpOrder = ["xformOp:scale"]
-        {cube()}
-    }}
-    """
-    original = read_stage(write_text(tmp_path / "a.usda", body))
-    mesh = original.meshes[0].map(lambda frame: frame.moved(frame.points + 0.5))
-    write_override(original, replace(original, meshes=(mesh,)), tmp_path / "o.usda")
-    written = points_at(Usd.Stage.Open(str(tmp_path / "o.usda")), "/flat/cube")
-    np.testing.assert_allclose(written, CUBE_POINTS + np.array([0.25, 0.5, 0]), atol=1e-6)
-
-
 def test_source_in_another_folder_with_another_clock(tmp_path: Path) -> None:
     source = write_text(
         tmp_path / "in" / "a.usda", cube(points=sampled(FRAMES)), "timeCodesPerSecond = 48"
@@ -279,182 +202,6 @@ def test_bytes_are_the_same_every_time(
     again = read_stage(str(outputs[0])).meshes[0]
     for before, after in zip(moved(original).meshes[0], again, strict=True):
         np.testing.assert_array_equal(after.points, before.points.astype(np.float32))
-
-
-# What must not be written ------------------------------------------------------------------------
-
-
-def test_the_source_is_never_overwritten(tmp_path: Path) -> None:
-    write_text(tmp_path / "base.usda", cube())
-    source = write_text(tmp_path / "a.usda", "", "subLayers = [@base.usda@]")
-    original = read_stage(source)
-    (tmp_path / "link.usda").symlink_to(tmp_path / "base.usda")
-    for name in ("a.usda", "base.usda", "link.usda"):
-        before = digest(tmp_path / name)
-        with pytest.raises(OutputError, match="part of the source"):
-            write_override(original, moved(original), tmp_path / name)
-        assert digest(tmp_path / name) == before
-
-
-def broken(frame: Frame) -> Frame:
-    if frame.time == 2:
-        raise ZeroDivisionError
-    return frame
-
-
-def halved(frame: Frame) -> Frame:
-    return frame.moved(frame.points[:4]) if frame.time == 2 else frame
-
-
-def infinite(frame: Frame) -> Frame:
-    return frame.moved(frame.points * np.inf) if frame.time == 2 else frame
-
-
-@pytest.mark.parametrize(
-    ("function", "error"),
-    [(broken, ZeroDivisionError), (halved, UsageError), (infinite, OutputError)],
-)
-def test_nothing_half_written_is_left(
-    tmp_path: Path, function: type[Frame], error: type[Exception]
-) -> None:
-    original = read_stage(write_text(tmp_path / "a.usda", cube(points=sampled(FRAMES))))
-    marked = replace(original, meshes=(original.meshes[0].map(function),))
-    output = tmp_path / "o.usdc"
-    output.write_text("what was there before")
-    with pytest.raises(error) as caught:
-        write_override(original, marked, output)
-    assert output.read_text() == "what was there before"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.usda", "o.usdc"]
-    if isinstance(caught.value, MeshmarkError):
-        assert (caught.value.prim, caught.value.time) == ("/cube", 2)
-
-
-def test_impossible_places(tmp_path: Path) -> None:
-    original = read_stage(write_text(tmp_path / "a.usda", cube()))
-    with pytest.raises(OutputError, match="No such file"):
-        write_override(original, moved(original), tmp_path / "none" / "o.usda")
-    with pytest.raises(UsageError, match="must end in"):
-        write_override(original, moved(original), tmp_path / "o.abc")
-    (tmp_path / "folder.usda").mkdir()
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_override(original, moved(original), tmp_path / "folder.usda")
-
-
-def test_frames_and_prims_the_source_does_not_have(tmp_path: Path) -> None:
-    original = read_stage(write_text(tmp_path / "a.usda", cube(points=sampled(FRAMES))))
-    mesh = original.meshes[0]
-    late = replace(original, meshes=(replace(mesh, times=mesh.times + 0.25),))
-    with pytest.raises(UsageError, match="no points at time"):
-        write_override(original, late, tmp_path / "o.usda")
-    lost = replace(original, meshes=(replace(mesh, prim="/none"),))
-    with pytest.raises(UsageError, match="no such prim"):
-        write_override(original, lost, tmp_path / "o.usda")
-
-
-# New stages --------------------------------------------------------------------------------------
-
-
-def animation(n_frames: int, *, varying: bool = False, prim: str = "/") -> MeshAnimation:
-    cube_faces = Topology(np.array(CUBE_COUNTS), np.array(CUBE_INDICES), 8)
-    open_box = Topology(np.array(CUBE_COUNTS[:5]), np.array(CUBE_INDICES[:20]), 8)
-    frames = [
-        Frame(1.0 + k, CUBE_POINTS + k, open_box if varying and k % 2 else cube_faces)
-        for k in range(n_frames)
-    ]
-    return MeshAnimation.from_frames(frames, prim=prim)
-
-
-@pytest.mark.parametrize("varying", [False, True])
-@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
-def test_new_stage_reads_back(tmp_path: Path, varying: bool, suffix: str) -> None:
-    meshes = (animation(3, varying=varying, prim="/a/b"), animation(2, prim="/a/c"))
-    asset = Asset("x", meshes, "test", up_axis="Z", meters_per_unit=1.0, fps=30.0)
-    output = tmp_path / f"new{suffix}"
-    write_stage(asset, output)
-    again = read_stage(str(output))
-    assert (again.up_axis, again.meters_per_unit, again.fps) == ("Z", 1.0, 30.0)
-    assert [mesh.prim for mesh in again.meshes] == ["/a/b", "/a/c"]
-    assert again.meshes[0].constant_topology is not varying
-    for mesh, read in zip(meshes, again.meshes, strict=True):
-        for before, after in zip(mesh, read, strict=True):
-            assert before.time == after.time
-            assert before.topology.same_as(after.topology)
-            np.testing.assert_array_equal(before.points, after.points)
-    stage = Usd.Stage.Open(str(output))
-    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 3)
-    assert stage.GetDefaultPrim().GetPath() == "/a"
-    assert stage.GetPrimAtPath("/a").GetTypeName() == "Xform"
-    mesh = UsdGeom.Mesh.Get(stage, "/a/b")
-    assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
-    np.testing.assert_array_equal(mesh.GetExtentAttr().Get(2), [[1, 1, 1], [2, 2, 2]])
-
-
-def test_names_usd_does_not_allow(tmp_path: Path) -> None:
-    frame = animation(1)[0]
-    still = InMemoryFrames((replace(frame, time=np.nan),))
-    prims = ("/", "/node 1/mesh", "/node-1/mesh", "/node 1")
-    meshes = tuple(MeshAnimation(np.array([np.nan]), still, prim=prim) for prim in prims)
-    write_stage(Asset("x", meshes, "test"), tmp_path / "o.usda")
-    again = read_stage(str(tmp_path / "o.usda"))
-    found = {mesh.prim for mesh in again.meshes}
-    assert found == {"/Mesh", "/node_1", "/node_1/mesh", "/node_1/mesh_2"}
-    assert np.isnan(again.meshes[0].times).all()
-
-
-def test_new_stage_of_bad_points(tmp_path: Path) -> None:
-    mesh = animation(3).map(infinite)
-    with pytest.raises(OutputError, match="frame 2: a point is not finite"):
-        write_stage(Asset("x", (mesh,), "test"), tmp_path / "o.usda")
-    assert list(tmp_path.iterdir()) == []
-
-
-# Parts -------------------------------------------------------------------------------------------
-
-
-def test_parts_are_a_partition_usd_accepts(tmp_path: Path) -> None:
-    indexed = "color3f[] primvars:displayColor = [(1, 0, 0)]\n"
-    indexed += "int[] primvars:displayColor:indices = [0, 0, 0, 0, 0, 0]"
-    asset = read_stage(write_text(tmp_path / "a.usda", cube(more=indexed)))
-    # The two triangles of the second face disagree: the first part of the two takes it.
-    labels = np.array([0, 0, 2, 1, 1, 1, 2, 2, 2, 2, 0, 0])
-    output = tmp_path / "parts.usda"
-    write_parts(asset, {"/cube": labels}, output)
-    stage = Usd.Stage.Open(str(output))
-    mesh = UsdGeom.Mesh.Get(stage, "/cube")
-    subsets = UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, "parts")
-    assert [list(subset.GetIndicesAttr().Get()) for subset in subsets] == [[0, 5], [1, 2], [3, 4]]
-    assert UsdGeom.Subset.GetFamilyType(mesh, "parts") == UsdGeom.Tokens.partition
-    valid, reason = UsdGeom.Subset.ValidateFamily(mesh, UsdGeom.Tokens.face, "parts")
-    assert valid, reason
-    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor")
-    assert primvar.GetInterpolation() == UsdGeom.Tokens.uniform
-    colours = np.array(primvar.ComputeFlattened())
-    np.testing.assert_array_equal(colours, palette(3)[[0, 1, 1, 2, 2, 0]])
-    np.testing.assert_array_equal(points_at(stage, "/cube"), CUBE_POINTS)
-
-
-def test_parts_of_several_frames(tmp_path: Path) -> None:
-    asset = read_stage(write_text(tmp_path / "a.usda", cube(points=sampled(FRAMES))))
-    labels = [np.zeros(12, dtype=int), np.repeat([0, 1], 6)]
-    write_parts(asset, {"/cube": labels}, tmp_path / "parts.usda", frame_indices=[0, 2])
-    stage = Usd.Stage.Open(str(tmp_path / "parts.usda"))
-    second = stage.GetPrimAtPath("/cube/part_1").GetAttribute("indices")
-    assert second.GetTimeSamples() == [1, 4.5]
-    assert [list(second.Get(time)) for time in (1, 4.5)] == [[], [3, 4, 5]]
-
-
-def test_parts_that_do_not_fit(tmp_path: Path) -> None:
-    asset = read_stage(write_text(tmp_path / "a.usda", cube()))
-    with pytest.raises(UsageError, match="for 12 triangles"):
-        write_parts(asset, {"/cube": np.zeros(6, dtype=int)}, tmp_path / "parts.usda")
-    assert not (tmp_path / "parts.usda").exists()
-
-
-def test_palette_is_well_separated() -> None:
-    colours = palette(12)
-    np.testing.assert_array_equal(colours[:5], palette(5))
-    distances = np.linalg.norm(colours[:, None] - colours, axis=2) + 9 * np.eye(12)
-    assert distances.min() > 0.25
 
 
 # Real input --------------------------------------------------------------------------------------

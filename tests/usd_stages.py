@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,13 +11,17 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd, Vt
 
-from meshmark.animation import Asset, Frame
+from meshmark.animation import Asset, Frame, MeshAnimation
+from meshmark.usd.reading import read_stage
 
 CUBE_POINTS = np.array(
     [[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)], dtype=np.float32
 )
 CUBE_COUNTS = [4] * 6
 CUBE_INDICES = [0, 2, 3, 1, 4, 5, 7, 6, 0, 1, 5, 4, 2, 6, 7, 3, 0, 4, 6, 2, 1, 3, 7, 5]
+
+
+FRAMES = {1: CUBE_POINTS, 2: CUBE_POINTS + 1, 4.5: CUBE_POINTS * 2}
 
 
 def write_text(path: Path, body: str, metadata: str = "") -> str:
@@ -82,3 +87,19 @@ def points_at(stage: Usd.Stage, prim: str, time: float | None = None) -> np.ndar
     attribute = stage.GetPrimAtPath(prim).GetAttribute("points")
     value = attribute.Get() if time is None else attribute.Get(time)
     return np.array(value)
+
+
+def digest(path: Path) -> str:
+    """Return a hash of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def infinite(frame: Frame) -> Frame:
+    """Send the frame at time 2 to infinity."""
+    return frame.moved(frame.points * np.inf) if frame.time == 2 else frame
+
+
+def read_one(source: str) -> MeshAnimation:
+    """Read a source that holds one mesh."""
+    (mesh,) = read_stage(source).meshes
+    return mesh

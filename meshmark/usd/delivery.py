@@ -60,12 +60,17 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
         with new_layer(overlay) as target:
             lay_over(target.layer, stage, original.source, overlay)
             traces = _author(target, stage, marked)
-        delivered = Usd.Stage.Open(str(overlay))
-        make_instances_editable(delivered)
-        layer = flattened(delivered)
-        replace_traces(layer, traces)
-        anchor_asset_paths(layer, output)
-        layer.Export(str(beside))
+        _export(Usd.Stage.Open(str(overlay)), traces, output, beside)
+
+
+def _export(stage: Usd.Stage, traces: Traces, output: Path, beside: Path) -> None:
+    # The caller holds the stage until the flattened layer is gone: the other way round, every
+    # array they share would be copied out of the mapped file.
+    make_instances_editable(stage)
+    layer = flattened(stage)
+    replace_traces(layer, traces)
+    anchor_asset_paths(layer, output)
+    layer.Export(str(beside))
 
 
 def _author(target: StreamedLayer, stage: Usd.Stage, marked: Asset) -> Traces:
