@@ -11,7 +11,7 @@ import numpy as np
 from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
 from meshmark.hookspecs import Attack
-from meshmark.plugins import make_attack
+from meshmark.plugins import catalogue, check_parameters
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,10 @@ class Combination:
 def make_step(text: str) -> Attack:
     """Make the attack that "NAME:PARAMETER=VALUE,..." describes."""
     name, parameters = read_step(text)
-    return make_attack(name, **parameters)
+    offer = catalogue().find("attack", name)
+    check_parameters(offer, parameters)
+    attack: Attack = offer.record.factory(**parameters)
+    return attack
 
 
 def read_step(text: str) -> tuple[str, dict[str, Any]]:

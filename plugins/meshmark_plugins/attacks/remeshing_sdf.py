@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.errors import InputError
 from meshmark.open3d_door import load_open3d
+from meshmark.topology import boundary_edges, edges, weld
 from meshmark_plugins.attacks.carrying import carry_by_surface
 from meshmark_plugins.attacks.frames import (
     PER,
@@ -24,6 +26,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 GridArray = NDArray[np.float32]
 
+_OPEN = 0.05
 _COARSER = 4
 _MARGIN = 2
 # Open3d decides inside or outside by a majority of this many rays.
@@ -34,8 +37,8 @@ _VOTES = 3
 class RemeshingSdf:
     """Sample the signed distance on a grid, and triangulate its zero set.
 
-    Inner faces and self-intersections vanish; every vertex and edge is new. It takes a closed
-    surface: where there is no inside, nothing is left.
+    Inner faces and self-intersections vanish; every vertex and edge is new. An open surface has
+    no inside: a mesh with more than a few border edges is refused.
 
     Parameters
     ----------
@@ -85,9 +88,26 @@ class RemeshFrame:
 
     def __call__(self, frame: Frame, rng: np.random.Generator) -> Frame:
         """Return the remeshed frame."""
+        require_closed(frame.points, frame.faces)
         V, F = marching_cubes(frame.points, frame.faces, self.resolution)
         V, F = require_triangles(V, F, "remeshing")
         return Frame(frame.time, V, Topology.from_triangles(F, len(V)))
+
+
+def require_closed(V: FloatArray, F: IntArray) -> None:
+    """Refuse a mesh of which, once welded, more than a twentieth of the edges are borders.
+
+    Raises
+    ------
+    InputError
+        With the numbers.
+    """
+    _, welded, _ = weld(V, F)
+    border, total = len(boundary_edges(welded)), len(edges(welded))
+    if border > _OPEN * total:
+        raise InputError(
+            f"remeshing-sdf takes a closed surface, but {border} of {total} edges are borders"
+        )
 
 
 def marching_cubes(V: FloatArray, F: IntArray, resolution: int) -> tuple[FloatArray, IntArray]:

@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.metrics import surface_distance
+from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
+from meshmark.topology import boundary_edges, edges
+from meshmark_plugins.attacks import RECORDS
+
+BY_NAME = {record.name: record for record in RECORDS}
+TRIANGLE = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+
+
+class TestSubdivision(AttackSuite):
+    @pytest.fixture
+    def record(self):
+        return BY_NAME["subdivision"]
+
+
+class TestLoopSubdivision(TestSubdivision):
+    @pytest.fixture
+    def parameters(self):
+        return {"scheme": "loop"}
+
+
+class TestSqrt3Subdivision(TestSubdivision):
+    @pytest.fixture
+    def parameters(self):
+        return {"scheme": "sqrt3", "steps": 2}
+
+
+def fine(V, F, **parameters):
+    attack = BY_NAME["subdivision"].factory(**parameters)
+    return attack.apply(MeshAnimation.from_arrays(V, F), np.random.default_rng(0))[0]
+
+
+def signed_volume(V, F):
+    a, b, c = (V[F[:, k]] for k in range(3))
+    return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+
+
+def octahedron():
+    V = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    upper = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4]]
+    lower = [[2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return V, np.array(upper + lower)
+
+
+def test_midpoint_on_one_triangle_by_hand():
+    frame = fine(TRIANGLE, np.array([[0, 1, 2]]))
+    np.testing.assert_array_equal(
+        frame.points, [*TRIANGLE.tolist(), [2, 0, 0], [0, 2, 0], [2, 2, 0]]
+    )
+    assert frame.faces.tolist() == [[0, 3, 4], [3, 1, 5], [4, 5, 2], [3, 5, 4]]
+
+
+def test_midpoint_keeps_the_surface():
+    V, F = sphere(300)
+    frame = fine(V, F, scheme="midpoint", steps=2)
+    assert len(frame.faces) == 16 * len(F)
+    assert surface_distance(V, F, frame.points, frame.faces).hausdorff < 1e-7
+    assert signed_volume(frame.points, frame.faces) == pytest.approx(signed_volume(V, F))
+
+
+@pytest.mark.parametrize(("scheme", "growth"), [("midpoint", 4), ("loop", 4), ("sqrt3", 3)])
+def test_closed_surfaces_stay_closed_oriented_and_of_the_same_genus(scheme, growth):
+    V, F = sphere(300)
+    frame = fine(V, F, scheme=scheme)
+    assert len(frame.faces) == growth * len(F)
+    assert len(boundary_edges(frame.faces)) == 0
+    assert len(frame.points) - len(edges(frame.faces)) + len(frame.faces) == 2
+    half = frame.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    assert len(np.unique(half, axis=0)) == len(half)
+    assert signed_volume(frame.points, frame.faces) > 0.9 * signed_volume(V, F)
+
+
+def test_loop_on_an_octahedron_by_hand():
+    # Corners have four neighbours that average to 0: each keeps 1 - 4 b, with
+    # b = (5/8 - (3/8)^2) / 4; edge points are 3/8 of two corners, the opposite two cancel.
+    V, F = octahedron()
+    frame = fine(V, F, scheme="loop")
+    keep = 1 - (5 / 8 - (3 / 8) ** 2)
+    np.testing.assert_allclose(frame.points[:6], keep * V, atol=1e-15)
+    E = edges(F)
+    np.testing.assert_allclose(frame.points[6:], 0.375 * (V[E[:, 0]] + V[E[:, 1]]), atol=1e-15)
+
+
+def test_loop_borders_are_cubic_splines():
+    frame = fine(TRIANGLE, np.array([[0, 1, 2]]), scheme="loop")
+    # Corner: 3/4 of itself and 1/8 of both neighbours; edge points are midpoints.
+    wanted = [[0.5, 0.5, 0], [3, 0.5, 0], [0.5, 3, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0]]
+    np.testing.assert_allclose(frame.points, wanted)
+
+
+def test_sqrt3_on_an_octahedron_by_hand():
+    # a = (4 - 2 cos(pi / 2)) / 9 = 4/9, and the mean of the neighbours is 0.
+    V, F = octahedron()
+    frame = fine(V, F, scheme="sqrt3")
+    np.testing.assert_allclose(frame.points[:6], 5 / 9 * V, atol=1e-15)
+    np.testing.assert_allclose(frame.points[6:], V[F].mean(axis=1), atol=1e-15)
+    # Every old edge is flipped away: none joins two old points.
+    assert np.all((edges(frame.faces) >= 6).any(axis=1))
+
+
+def test_sqrt3_keeps_borders():
+    frame = fine(TRIANGLE, np.array([[0, 1, 2]]), scheme="sqrt3")
+    np.testing.assert_allclose(frame.points, [*TRIANGLE.tolist(), [4 / 3, 4 / 3, 0]])
+    assert sorted(map(sorted, frame.faces.tolist())) == [[0, 1, 3], [0, 2, 3], [1, 2, 3]]
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "loop", "sqrt3"])
+def test_a_plane_stays_plane_and_linear_functions_are_reproduced_inside(scheme):
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(5.0), np.arange(5.0), indexing="ij"))
+    k = np.arange(25).reshape(5, 5)
+    a, b, c, d = (q.ravel() for q in (k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]))
+    F = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    frame = fine(np.stack([x, y, 2 * x - y], axis=1), F, scheme=scheme)
+    P = frame.points
+    np.testing.assert_allclose(P[:, 2], 2 * P[:, 0] - P[:, 1], atol=1e-12)
+
+
+def test_edges_with_three_faces_and_twisted_faces_do_no_harm():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [1, 1, 1]])
+    F = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 2, 5], [1, 2, 4]])
+    for scheme, growth in [("midpoint", 4), ("loop", 4), ("sqrt3", 3)]:
+        frame = fine(V, F, scheme=scheme)
+        assert len(frame.faces) == growth * len(F)
+        assert np.isfinite(frame.points).all()
+
+
+def test_polygons_are_triangulated_first():
+    V = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    quad = MeshAnimation.from_frames([Frame(1.0, V, Topology(np.array([4]), np.arange(4), 4))])
+    frame = BY_NAME["subdivision"].factory().apply(quad, np.random.default_rng(0))[0]
+    assert len(frame.faces) == 8
+
+
+def test_all_frames_share_one_connectivity():
+    attack = BY_NAME["subdivision"].factory(scheme="loop")
+    frames = attack.apply(bending_ball(), np.random.default_rng(0))
+    assert frames.constant_topology
+    assert all(frames[0].topology.same_as(frame.topology) for frame in frames)
