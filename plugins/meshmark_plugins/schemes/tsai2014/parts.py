@@ -1,0 +1,111 @@
+"""Parts of a mesh as the scheme uses them: a sub-mesh and its shortest cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from meshmark.topology import edges, face_adjacency
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One part, as vertex trajectories carry it through the frames.
+
+    Parameters
+    ----------
+    vertices : (n,) int
+        Vertices of the frame the part's faces use.
+    faces : (f, 3) int
+        The part's triangles, indices into `vertices`.
+    edges : (e, 2) int
+        The part's edges, indices into `vertices`.
+    loop : (L,) int
+        The cutting boundary distances are measured from, indices into `vertices`.
+    inside : (n,) bool
+        Which vertices lie on no cut; those are sorted into sets.
+    fixed : (n,) bool
+        Which vertices must not move: those on any cut, shared with a neighbouring part.
+    """
+
+    vertices: IntArray
+    faces: IntArray
+    edges: IntArray
+    loop: IntArray
+    inside: BoolArray
+    fixed: BoolArray
+
+
+def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
+    """Split a labelled mesh into the parts that can carry a mark.
+
+    Parameters
+    ----------
+    F : (F, 3) int
+        Triangles.
+    labels : (F,) int
+        Part of each triangle.
+    fewest : int
+        Parts with fewer vertices inside are left out, as are parts without a cut.
+
+    Returns
+    -------
+    tuple of Part
+        In order of their labels.
+    """
+    pairs, shared = face_adjacency(F)
+    crossing = labels[pairs[:, 0]] != labels[pairs[:, 1]]
+    pairs, shared = pairs[crossing], shared[crossing]
+    parts = []
+    for label in np.unique(labels):
+        touching = np.any(labels[pairs] == label, axis=1)
+        if not touching.any():
+            continue
+        part = _part(F[labels == label], shared[touching])
+        if np.count_nonzero(part.inside) >= fewest:
+            parts.append(part)
+    return tuple(parts)
+
+
+def _part(F: IntArray, cut: IntArray) -> Part:
+    vertices, local = np.unique(F, return_inverse=True)
+    faces = local.reshape(-1, 3)
+    cut = np.searchsorted(vertices, cut)
+    on_cut = np.zeros(len(vertices), dtype=bool)
+    on_cut[cut] = True
+    return Part(
+        vertices=vertices,
+        faces=faces,
+        edges=edges(faces),
+        loop=smallest_loop(cut),
+        inside=~on_cut,
+        fixed=on_cut,
+    )
+
+
+def smallest_loop(cut: IntArray) -> IntArray:
+    """Return the vertices of the connected cut with the fewest of them.
+
+    Parameters
+    ----------
+    cut : (E, 2) int
+        Edges of all the cuts of a part.
+
+    Returns
+    -------
+    (L,) int
+        Sorted vertex indices; of several equally small cuts, the one with the lowest index.
+    """
+    used, local = np.unique(cut, return_inverse=True)
+    i, j = local.reshape(-1, 2).T
+    graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(used), len(used)))
+    label = connected_components(graph, directed=False)[1]
+    return used[label == np.bincount(label).argmin()].astype(np.int64)
