@@ -74,7 +74,8 @@ class Evidence:
     @property
     def reachable_log10_p(self) -> float:
         """Lowest log10 p that the best of keys could reach on as many chips."""
-        return reachable_log10_p(self.held.any(axis=0), self.n_words)
+        held = np.asarray(self.held.any(axis=0))
+        return reachable_log10_p(held, self.n_words)
 
     def words(self, key: Key, recipient: str | None) -> IntArray:
         """Derive the code words that `key` would have used here, (M, K) int."""

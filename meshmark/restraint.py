@@ -1,13 +1,18 @@
-"""Keeps moved vertices from turning faces over."""
+"""Keeps moved vertices near their places, and from turning faces over."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.topology import edges
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Longest move of a vertex, in mean lengths of its own edges: a vertex that slid farther would
+# drag its texture visibly along.
+REACH = 1.0
 HALVINGS = 6
 # A face may tilt by at most this cosine (about 75 degrees) before its corners are held back:
 # short of 90 degrees, so that later rounding to float32 cannot complete the turn.
@@ -15,7 +20,7 @@ LEAST_COSINE = 0.25
 
 
 def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
-    """Shorten moves until no face of area turns over.
+    """Shorten moves until none is longer than `REACH` edges, and no face of area turns over.
 
     Parameters
     ----------
@@ -27,10 +32,12 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
     Returns
     -------
     (N, 3) float64
-        Positions between `V` and `moved`: the moves of an offending face's corners are halved
-        a few times, then dropped.
+        Positions between `V` and `moved`: a long move is cut; the moves of an offending face's
+        corners are halved a few times, then dropped.
     """
-    share = np.ones(len(V))
+    length = np.linalg.norm(moved - V, axis=1)
+    limit = REACH * mean_edge_lengths(V, F)
+    share = np.divide(limit, length, out=np.ones(len(V)), where=length > limit)
     for _ in range(HALVINGS):
         corners = _offending_corners(V, V + share[:, None] * (moved - V), F)
         if corners.size == 0:
@@ -40,7 +47,18 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
     # vertices, and with none moved nothing offends.
     while (corners := _offending_corners(V, V + share[:, None] * (moved - V), F)).size:
         share[corners] = 0.0
-    return V + share[:, None] * (moved - V)
+    kept: FloatArray = V + share[:, None] * (moved - V)
+    return kept
+
+
+def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
+    """Mean length of the edges at each vertex, (N,) float64; 0 for a vertex without edges."""
+    E = edges(F)
+    length = np.linalg.norm(V[E[:, 1]] - V[E[:, 0]], axis=1)
+    total = np.bincount(E[:, 0], length, len(V)) + np.bincount(E[:, 1], length, len(V))
+    degree = np.bincount(E.reshape(-1), minlength=len(V))
+    mean: FloatArray = np.divide(total, degree, out=np.zeros(len(V)), where=degree > 0)
+    return mean
 
 
 def _offending_corners(V: FloatArray, moved: FloatArray, F: IntArray) -> IntArray:
@@ -52,6 +70,6 @@ def _offending_corners(V: FloatArray, moved: FloatArray, F: IntArray) -> IntArra
 
 
 def face_normals(V: FloatArray, F: IntArray) -> FloatArray:
-    """Normals of triangles, (F, 3) float64, as long as twice the area."""
+    """Compute the normals of triangles, (F, 3) float64, as long as twice the area."""
     a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
     return np.cross(b - a, c - a)

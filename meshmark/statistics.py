@@ -55,9 +55,7 @@ def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
     """
     score = np.einsum("ck,...mk->...cm", S, words.astype(np.float64))
     null = log_cosh(TILTS[:, None, None] * S).sum(axis=-1)
-    result: FloatArray = (
-        TILTS[:, None, None] * score[..., None, :, :] - null[:, :, None]
-    )
+    result: FloatArray = TILTS[:, None, None] * score[..., None, :, :] - null[:, :, None]
     return result
 
 
@@ -198,5 +196,5 @@ def reachable_log10_p(held: NDArray[np.bool_], n_words: int) -> float:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
     per_carrier = np.sort(held.sum(axis=1))[::-1]
     chips = int(per_carrier[:n_words].sum())
-    price = log_assignments(len(per_carrier), n_words) / np.log(10.0) + np.log10(len(TILTS))
-    return min(0.0, float(price - chips * np.log10(2.0)))
+    log_e = logsumexp(chips * (TILTS - log_cosh(TILTS))) - np.log(len(TILTS))
+    return float(_markov(log_e - log_assignments(len(per_carrier), n_words)))

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from meshmark.evidence import Evidence, Finding, judge
+from meshmark.json_values import number
 from meshmark.keys import Key
 
 Answer = Literal["marked", "not marked", "inconclusive"]
@@ -38,9 +39,9 @@ class PrimVerdict:
             "log10_p": self.log10_p,
             "frames": len(self.times),
             "chips": self.chips,
-            "ber": {"avg": _number(errors.average), "max": _number(errors.maximum)},
+            "ber": {"avg": number(errors.average), "max": number(errors.maximum)},
             "per_frame": [
-                {"time": _number(time), "log10_p": _number(p), "ber": _number(ber)}
+                {"time": number(time), "log10_p": number(p), "ber": number(ber)}
                 for time, p, ber in frames
             ],
         }
@@ -164,8 +165,3 @@ def _answer(log10_p: float, reachable: float, log10_fpr: float) -> Answer:
     if log10_p <= log10_fpr:
         return "marked"
     return "inconclusive" if reachable > log10_fpr else "not marked"
-
-
-def _number(x: float) -> float | None:
-    """JSON has no NaN: what is not known is null."""
-    return None if np.isnan(x) else float(x)
