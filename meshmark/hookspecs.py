@@ -191,7 +191,7 @@ class Attack(Protocol):
 class Factory(Protocol):
     """Makes what a record names, from parameters given as keywords."""
 
-    def __call__(self, **parameters: Any) -> Any:
+    def __call__(self, *args: Any, **parameters: Any) -> Any:
         """Build it; raise UsageError for an unknown or impossible parameter."""
         ...
 

@@ -158,7 +158,8 @@ def load(found: Sequence[tuple[EntryPoint, Distribution]], *, strict: bool) -> C
             plugin = entry.load()
             manager.register(plugin, name=f"{name}:{entry.name}")
             manager.check_pending()
-            offers += [Offer(kind, record, name, version) for kind, record in _records(plugin)]
+            records = _records(manager, plugin)
+            offers += [Offer(kind, record, name, version) for kind, record in records]
         # A stranger's module may raise anything at all while it is imported.
         except (Exception, SystemExit) as error:
             if strict:
@@ -170,15 +171,18 @@ def load(found: Sequence[tuple[EntryPoint, Distribution]], *, strict: bool) -> C
     return _without_collisions(offers, broken)
 
 
-def _records(plugin: object) -> Iterator[tuple[str, PluginRecord]]:
+def _records(manager: pluggy.PluginManager, plugin: object) -> list[tuple[str, PluginRecord]]:
+    records = []
     for kind, (hook, record_type) in KINDS.items():
-        implementation = getattr(plugin, hook, None)
-        if implementation is None:
-            continue
-        for record in implementation():
-            if not isinstance(record, record_type):
-                raise PluginError(f"{hook} must yield {record_type.__name__}, not {record!r}")
-            yield kind, record
+        implementations = getattr(manager.hook, hook).get_hookimpls()
+        for implementation in implementations:
+            if implementation.plugin is not plugin:
+                continue
+            for record in implementation.function():
+                if not isinstance(record, record_type):
+                    raise PluginError(f"{hook} must yield {record_type.__name__}, not {record!r}")
+                records.append((kind, record))
+    return records
 
 
 def _without_collisions(offers: Sequence[Offer], broken: Sequence[Broken]) -> Catalogue:
@@ -203,7 +207,7 @@ def _entry_points() -> Iterator[tuple[EntryPoint, Distribution]]:
     for distribution in distributions():
         name = distribution.metadata["Name"]
         # The first on the path wins, as it does for imports.
-        if name is None or name in seen:
+        if name in seen:
             continue
         seen.add(name)
         for entry in distribution.entry_points:
