@@ -1,4 +1,4 @@
-"""What everything passes around: frames, the animation of one mesh, and the asset that holds them."""
+"""What everything passes around: frames, the animation of one mesh, the asset that holds them."""
 
 from __future__ import annotations
 
@@ -174,6 +174,8 @@ class MeshAnimation:
         File, folder or glob the animation was read from, for messages and manifests.
     notes : tuple of str
         What a person should know about how it was read (for instance: skinned, rest pose).
+    in_place : bool
+        Whether its points can be replaced where they stand; not so inside a USD instance.
     """
 
     times: FloatArray
@@ -182,6 +184,7 @@ class MeshAnimation:
     prim: str = "/"
     origin: str = ""
     notes: tuple[str, ...] = ()
+    in_place: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", np.asarray(self.times, dtype=np.float64))

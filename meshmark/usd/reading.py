@@ -26,7 +26,7 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     Meshes inside instances and skinned ones (in their rest pose) are read with a note.
 
     Only the first frame of each mesh is looked at now, the others when they are asked for; see
-    `meshmark.usd.checking.check` for a look at all.
+    `meshmark.validation.check` for a look at all.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
     with blamed(source, path):
         times = sample_times(prim)
         varies = topology_varies(prim, times)
-        said = notes(prim)
+        said, in_place = notes(prim), not prim.IsInstanceProxy()
     frames = StageFrames(source, path, tuple(times.tolist()), varies)
     frames.frame(0)
     return MeshAnimation(
@@ -103,6 +103,7 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
         prim=path,
         origin=source,
         notes=said,
+        in_place=in_place,
     )
 
 

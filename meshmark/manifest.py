@@ -1,0 +1,82 @@
+"""The manifest beside a marked file: what was marked, how, and what became of it. No secrets."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from meshmark.errors import OutputError
+
+MANIFEST_SUFFIX = ".meshmark.json"
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A manifest as a document; its JSON Schema is `schemas/json/manifest.schema.json`.
+
+    Parameters
+    ----------
+    document : dict
+        JSON values only, no times of day: the same run gives the same bytes.
+    path : Path or None
+        Where it was written; None after a dry run.
+    """
+
+    document: dict[str, Any]
+    path: Path | None = None
+
+    def __getitem__(self, name: str) -> Any:
+        return self.document[name]
+
+
+def manifest_path(output: Path) -> Path:
+    """Return the place of the manifest of a marked file or folder."""
+    return output.with_name(output.name + MANIFEST_SUFFIX)
+
+
+def write_json(document: dict[str, Any], path: Path) -> None:
+    """Write JSON beside `path`, then put it in place.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written to.
+    """
+    text = json.dumps(document, indent=2, sort_keys=False, allow_nan=False) + "\n"
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror}", source=path) from None
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except OSError as error:
+        Path(name).unlink(missing_ok=True)
+        raise OutputError(f"cannot write: {error.strerror}", source=path) from None
+
+
+def file_hashes(files: list[Path], folder: Path) -> list[dict[str, str]]:
+    """Hash files; names are relative to `folder` where that is shorter than a climb.
+
+    Returns
+    -------
+    list of {"file", "sha256"}
+        In the order given.
+    """
+    return [
+        {"file": Path(os.path.relpath(file, folder)).as_posix(), "sha256": _sha256(file)}
+        for file in files
+    ]
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

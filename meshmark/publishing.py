@@ -1,0 +1,295 @@
+"""Marks a file and leaves a manifest: the one call a publish hook needs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from glob import glob
+from pathlib import Path
+from typing import Any
+
+from meshmark.animation import Asset
+from meshmark.errors import CapacityError, OutputError, UsageError
+from meshmark.json_values import number
+from meshmark.keys import Key
+from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
+from meshmark.marking import MarkedAsset, MarkedMesh, embed
+from meshmark.metrics import distortion
+from meshmark.recipe import Recipe
+from meshmark.sources import LAYER_SUFFIXES, read, write
+from meshmark.validation import check
+from meshmark.verdict import PrimVerdict, Verdict
+from meshmark.verification import verify
+from meshmark.version import __version__
+
+# Called with (stage of the work, prim, frames done, frames in all).
+Progress = Callable[[str, str, int, int], None]
+
+TARGET_FPR = 1e-6
+
+
+@dataclass(frozen=True)
+class Published:
+    """What `mark_file` did.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        As written beside the output.
+    verdict : Verdict
+        What blind verification says of the written file; of the marked frames in memory after
+        a dry run.
+    skipped : tuple of (str, str)
+        Meshes that cannot hold a mark, and why.
+    """
+
+    manifest: Manifest
+    verdict: Verdict
+    skipped: tuple[tuple[str, str], ...]
+
+
+def mark_file(
+    source: str | Path,
+    output: str | Path,
+    key: Key,
+    *,
+    recipe: Recipe | None = None,
+    prims: Sequence[str] = (),
+    frames: str | None = None,
+    recipient: str | None = None,
+    deliver: bool = False,
+    dry_run: bool = False,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Manifest:
+    """Mark a source, write the result and its manifest, and verify what was written.
+
+    Parameters
+    ----------
+    source : str or Path
+        A USD file, a folder or glob of OBJ frames, or anything a reader plugin reads.
+    output : str or Path
+        Where to: `.usd`, `.usda` or `.usdc` for a layer, or what the source's reader writes.
+    key : Key
+        The owner's key.
+    recipe : Recipe, optional
+        Scheme, segmenter, solver and their parameters.
+    prims : sequence of str
+        Meshes to mark; all that can be where empty.
+    frames : str, optional
+        Range A:B[:S] of time codes to mark.
+    recipient : str, optional
+        Whose copy it will be.
+    deliver : bool
+        Flatten into one file in which no unmarked point is left.
+    dry_run : bool
+        Do everything but write.
+    jobs : int
+        Worker processes.
+    progress : callable, optional
+        Called with (stage, prim, frames done, frames in all).
+
+    Returns
+    -------
+    Manifest
+
+    Raises
+    ------
+    InputError, CapacityError, UsageError, OutputError
+        Nothing is written then.
+    """
+    return publish(
+        source,
+        output,
+        key,
+        recipe=recipe,
+        prims=prims,
+        frames=frames,
+        recipient=recipient,
+        deliver=deliver,
+        dry_run=dry_run,
+        jobs=jobs,
+        progress=progress,
+    ).manifest
+
+
+def publish(
+    source: str | Path,
+    output: str | Path,
+    key: Key,
+    *,
+    recipe: Recipe | None = None,
+    prims: Sequence[str] = (),
+    frames: str | None = None,
+    recipient: str | None = None,
+    deliver: bool = False,
+    dry_run: bool = False,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Published:
+    """Do what `mark_file` does, and return the verdict beside the manifest."""
+    if deliver and frames is not None:
+        raise UsageError("--deliver with --frames would deliver the other frames unmarked")
+    target = Path(output)
+    check_output(target, source, deliver)
+    recipe = recipe or Recipe()
+    original = read(source, prims)
+    for mesh in original.meshes:
+        check(mesh)
+    markable, instanced = (original, ()) if deliver else split_in_place(original)
+    marked = embed(
+        markable,
+        key,
+        recipe=recipe,
+        recipient=recipient,
+        frames=frames,
+        jobs=jobs,
+        progress=_stage(progress, "embed"),
+    )
+    if deliver and marked.skipped:
+        prim, reason = marked.skipped[0]
+        raise UsageError(
+            f"cannot deliver: {reason}; name the meshes with --prim", source=str(source), prim=prim
+        )
+    if not dry_run:
+        write(complete(marked), original, target, deliver=deliver)
+    written = (
+        marked.asset if dry_run else read(target, [mesh.animation.prim for mesh in marked.meshes])
+    )
+    verdict = verify(
+        written,
+        key,
+        recipes=[recipe],
+        recipients=[] if recipient is None else [recipient],
+        frames=frames,
+        fpr=TARGET_FPR,
+        jobs=jobs,
+        progress=_stage(progress, "verify"),
+    )
+    skipped = (*marked.skipped, *instanced)
+    document = {
+        "format": FORMAT,
+        "meshmark": __version__,
+        "source": _source(original, target),
+        "output": target.name,
+        "delivered": deliver,
+        "key_id": key.id,
+        "recipient": recipient,
+        "frames": frames,
+        "plugins": recipe.as_json(),
+        "prims": _prims(marked, verdict),
+        "skipped": [{"prim": prim, "reason": reason} for prim, reason in skipped],
+        "verification": {
+            "verdict": verdict.verdict,
+            "log10_p": verdict.log10_p,
+            "fpr": TARGET_FPR,
+        },
+    }
+    if dry_run:
+        return Published(Manifest(document), verdict, skipped)
+    path = manifest_path(target)
+    write_json(document, path)
+    return Published(Manifest(document, path), verdict, skipped)
+
+
+def split_in_place(asset: Asset) -> tuple[Asset, tuple[tuple[str, str], ...]]:
+    """Leave out the meshes an override layer cannot reach.
+
+    Returns
+    -------
+    asset : Asset
+        The others.
+    skipped : tuple of (prim, reason)
+
+    Raises
+    ------
+    CapacityError
+        If no mesh is left.
+    """
+    reason = "inside an instance, which a layer cannot override; --deliver can mark it"
+    reached = tuple(mesh for mesh in asset.meshes if mesh.in_place)
+    if not reached:
+        raise CapacityError(reason, source=asset.source, prim=asset.meshes[0].prim)
+    skipped = tuple((mesh.prim, reason) for mesh in asset.meshes if not mesh.in_place)
+    return replace(asset, meshes=reached), skipped
+
+
+def complete(marked: MarkedAsset) -> Asset:
+    """Return the marked meshes, and for a source that cannot be layered over, all others too."""
+    if marked.original.reader == "usd":
+        return marked.asset
+    by_prim = {mesh.original.prim: mesh.animation for mesh in marked.meshes}
+    meshes = tuple(by_prim.get(mesh.prim, mesh) for mesh in marked.original.meshes)
+    return replace(marked.original, meshes=meshes)
+
+
+def check_output(target: Path, source: str | Path, deliver: bool) -> None:
+    """Refuse an output that could not be written, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If it is the source itself, or cannot be what was asked for.
+    OutputError
+        If its folder is missing or cannot be written to.
+    """
+    if target.resolve() == Path(source).resolve():
+        raise UsageError("the output is the source itself", source=target)
+    if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
+        raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
+    folder = target.parent
+    if not folder.is_dir():
+        raise OutputError("the folder to write into does not exist", source=folder)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError("the folder cannot be written to", source=folder)
+    if target.is_dir() and target.suffix.lower() in LAYER_SUFFIXES:
+        raise OutputError("is a folder", source=target)
+
+
+def source_files(asset: Asset) -> list[Path]:
+    """List the files a source consists of, sorted."""
+    if asset.reader == "usd":
+        from meshmark.usd.opening import stage_files
+
+        return sorted(stage_files(asset.source))
+    if asset.path.is_dir():
+        return sorted(path for path in asset.path.iterdir() if path.is_file())
+    # Path.glob takes no absolute patterns.
+    return sorted(Path(name) for name in glob(asset.source)) or [asset.path]  # noqa: PTH207
+
+
+def _source(original: Asset, target: Path) -> dict[str, Any]:
+    folder = target.parent.resolve()
+    return {
+        "path": Path(os.path.relpath(original.source, folder)).as_posix(),
+        "files": file_hashes([path.resolve() for path in source_files(original)], folder),
+    }
+
+
+def _prims(marked: MarkedAsset, verdict: Verdict) -> list[dict[str, Any]]:
+    verdicts = {prim.prim: prim for prim in verdict.prims}
+    return [_prim(mesh, verdicts.get(mesh.animation.prim)) for mesh in marked.meshes]
+
+
+def _prim(mesh: MarkedMesh, verdict: PrimVerdict | None) -> dict[str, Any]:
+    first, chosen = mesh.original[0], mesh.embedded.frames
+    found = distortion(mesh.original.select(chosen), mesh.animation.select(chosen))
+    told = None if verdict is None else verdict.as_json()
+    kept = ("verdict", "log10_p", "chips", "ber")
+    return {
+        "prim": mesh.animation.prim,
+        "points": first.topology.n_points,
+        "faces": len(first.topology.counts),
+        "frames": len(mesh.original),
+        "marked_frames": len(chosen),
+        "carriers": mesh.embedded.carriers,
+        "distortion": {name: number(value) for name, value in vars(found).items()},
+        "verification": None if told is None else {name: told[name] for name in kept},
+    }
+
+
+def _stage(progress: Progress | None, stage: str) -> Callable[[str, int, int], None] | None:
+    if progress is None:
+        return None
+    return lambda prim, done, total: progress(stage, prim, done, total)

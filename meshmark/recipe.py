@@ -1,0 +1,158 @@
+"""Which scheme, segmenter and solver, with which parameters: from text to working objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.errors import UsageError
+from meshmark.hookspecs import GeodesicSolver, Scheme
+from meshmark.plugins import Offer, catalogue, check_parameters
+
+DEFAULT_SCHEME = "tsai2014"
+DEFAULT_SEGMENTER = "sdf"
+DEFAULT_GEODESIC = "heat"
+
+Parameters = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SolverFactory:
+    """Builds geodesic solvers of one kind; pickles as its name and parameters."""
+
+    name: str
+    parameters: Parameters
+
+    def __call__(self, V: NDArray[np.float64], F: NDArray[np.int64]) -> GeodesicSolver:
+        """Build a solver on V (N, 3) and F (F, 3)."""
+        return cast(
+            GeodesicSolver, catalogue().make("geodesic", self.name, V, F, **self.parameters)
+        )
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A scheme and what it works with.
+
+    Parameters
+    ----------
+    scheme, segmenter, geodesic : str
+        Names of plugins.
+    settings : mapping of str to mapping
+        Parameters that differ from the defaults, by plugin name.
+
+    Raises
+    ------
+    UsageError
+        If a name is unknown, or a parameter is not one of its plugin's.
+    """
+
+    scheme: str = DEFAULT_SCHEME
+    segmenter: str = DEFAULT_SEGMENTER
+    geodesic: str = DEFAULT_GEODESIC
+    settings: Mapping[str, Parameters] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        offers = {offer.name: offer for offer in self.offers}
+        for name, parameters in self.settings.items():
+            if name not in offers:
+                raise UsageError(
+                    f"parameters are given for {name!r}, but only {', '.join(offers)} are in use"
+                )
+            check_parameters(offers[name], parameters)
+
+    @property
+    def offers(self) -> tuple[Offer, Offer, Offer]:
+        """The plugins behind the names: scheme, segmenter, solver."""
+        plugins = catalogue()
+        return (
+            plugins.find("scheme", self.scheme),
+            plugins.find("segmenter", self.segmenter),
+            plugins.find("geodesic", self.geodesic),
+        )
+
+    def build(self) -> Scheme:
+        """Make the scheme, with its segmenter and solver."""
+        segmenter = catalogue().make(
+            "segmenter", self.segmenter, **self.settings.get(self.segmenter, {})
+        )
+        solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
+        made = catalogue().make(
+            "scheme",
+            self.scheme,
+            segmenter=segmenter,
+            solver=solver,
+            **self.settings.get(self.scheme, {}),
+        )
+        return cast(Scheme, made)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plugins, versions and all parameters, for the manifest."""
+        return {
+            offer.kind: {
+                "name": offer.name,
+                "version": offer.record.version,
+                "distribution": offer.distribution,
+                "distribution_version": offer.distribution_version,
+                "parameters": {
+                    **offer.record.parameters,
+                    **self.settings.get(offer.name, {}),
+                },
+            }
+            for offer in self.offers
+        }
+
+
+def recipe_from_text(
+    scheme: str,
+    segmenter: str = DEFAULT_SEGMENTER,
+    geodesic: str = DEFAULT_GEODESIC,
+    settings: Sequence[str] = (),
+    strength: float | None = None,
+) -> Recipe:
+    """Build a recipe from what was typed: `bits=16` is the scheme's, `sdf.rays=25` sdf's.
+
+    Raises
+    ------
+    UsageError
+        If a setting is not NAME=VALUE, or its value is not of its default's type.
+    """
+    typed: dict[str, dict[str, Any]] = {}
+    for text in settings:
+        name, found, value = text.partition("=")
+        if not found or not name:
+            raise UsageError(f"--set takes NAME=VALUE, not {text!r}")
+        plugin, dot, parameter = name.rpartition(".")
+        typed.setdefault(plugin if dot else scheme, {})[parameter] = value
+    bare = Recipe(scheme, segmenter, geodesic, typed)
+    offers = {offer.name: offer for offer in bare.offers}
+    converted = {
+        plugin: {name: convert(offers[plugin], name, value) for name, value in given.items()}
+        for plugin, given in typed.items()
+    }
+    if strength is not None:
+        converted.setdefault(scheme, {})["strength"] = strength
+    return Recipe(scheme, segmenter, geodesic, converted)
+
+
+def convert(offer: Offer, name: str, text: str) -> Any:
+    """Turn typed text into a value of the type of the parameter's default."""
+    default = offer.record.parameters.get(name)
+    try:
+        if isinstance(default, bool):
+            return {"true": True, "1": True, "false": False, "0": False}[text.lower()]
+        if isinstance(default, int):
+            return int(text)
+        if isinstance(default, float):
+            return float(text)
+    except (ValueError, KeyError):
+        kind = type(default).__name__
+        raise UsageError(
+            f"{offer.kind} {offer.name!r}: {name} takes a value like {default!r} ({kind}), "
+            f"not {text!r}"
+        ) from None
+    return text

@@ -1,0 +1,104 @@
+"""Opens and writes sources of any kind: stages by the core, all else by reader plugins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from meshmark.animation import Asset
+from meshmark.errors import InputError, UsageError
+from meshmark.plugins import catalogue, make_reader
+
+STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
+
+
+def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
+    """Read every mesh of a USD file, a folder or glob of OBJ frames, or a glTF file.
+
+    Parameters
+    ----------
+    source : str or Path
+        What to read.
+    prims : sequence of str
+        Paths of the meshes wanted; all where empty.
+
+    Returns
+    -------
+    Asset
+        Its animations read their frames lazily.
+
+    Raises
+    ------
+    InputError
+        If the source is missing, unreadable or holds no mesh.
+    UsageError
+        If a wanted mesh is not in it.
+    """
+    name = str(source)
+    if name.lower().endswith(STAGE_SUFFIXES):
+        from meshmark.usd.reading import read_stage
+
+        return read_stage(name, list(prims) or None)
+    for offer in catalogue().of_kind("reader"):
+        reader = make_reader(offer.name)
+        if reader.accepts(name):
+            asset = reader.read(name)
+            if not prims:
+                return asset
+            return replace(asset, meshes=tuple(asset.mesh(prim) for prim in prims))
+    if not Path(name).exists():
+        raise InputError("no such file or folder", source=name)
+    known = ", ".join(offer.name for offer in catalogue().of_kind("reader"))
+    raise InputError(
+        f"nothing here reads it: not USD, and none of the readers {known}", source=name
+    )
+
+
+def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool = False) -> None:
+    """Write a marked asset beside its original.
+
+    Parameters
+    ----------
+    marked : Asset
+        The marked meshes; those of `original` that are missing here stay as they are.
+    original : Asset
+        As it was read.
+    output : str or Path
+        A USD layer: an override that sublayers a USD source, or a whole stage for any other.
+        Or what the original's own reader writes, such as a folder of OBJ frames.
+    deliver : bool
+        Flatten into one file in which no unmarked point is left.
+
+    Raises
+    ------
+    UsageError
+        If the output's kind does not fit the source.
+    OutputError
+        If it cannot be written; nothing half-written is left.
+    """
+    path = Path(output)
+    if path.suffix.lower() in LAYER_SUFFIXES:
+        if original.reader != "usd":
+            from meshmark.usd.stages import write_stage
+
+            return write_stage(marked, path)
+        if deliver:
+            from meshmark.usd.delivery import write_flattened
+
+            return write_flattened(original, marked, path)
+        from meshmark.usd.writing import write_override
+
+        return write_override(original, marked, path)
+    if original.reader == "usd":
+        raise UsageError(
+            f"a USD source is written as {', '.join(LAYER_SUFFIXES)}, not to {str(output)!r}"
+        )
+    reader = make_reader(original.reader)
+    if not reader.writes(path):
+        raise UsageError(
+            f"the {original.reader} reader cannot write to {str(output)!r}; "
+            f"{', '.join(LAYER_SUFFIXES)} always can be"
+        )
+    return reader.write(marked, original, path)
