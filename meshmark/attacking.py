@@ -1,0 +1,68 @@
+"""Attacks on whole assets, seeded, and their results written as real files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmark.animation import Asset
+from meshmark.errors import UsageError
+from meshmark.hookspecs import Attack
+from meshmark.plugins import catalogue, make_attack, make_reader
+from meshmark.recipe import convert
+from meshmark.sources import LAYER_SUFFIXES
+
+
+def attack_from_text(name: str, parameters: Sequence[str]) -> Attack:
+    """Make an attack from its name and typed PARAMETER=VALUE pairs.
+
+    Raises
+    ------
+    UsageError
+        If the attack or a parameter is unknown, or a value impossible.
+    """
+    offer = catalogue().find("attack", name)
+    values: dict[str, Any] = {}
+    for text in parameters:
+        parameter, found, value = text.partition("=")
+        if not found:
+            raise UsageError(f"-p takes PARAMETER=VALUE, not {text!r}")
+        values[parameter] = convert(offer, parameter, value)
+    return make_attack(name, **values)
+
+
+def attack_asset(asset: Asset, attack: Attack, seed: int) -> Asset:
+    """Attack every mesh, each with random numbers of its own."""
+    streams = np.random.SeedSequence(seed).spawn(len(asset.meshes))
+    meshes = tuple(
+        attack.apply(mesh, np.random.default_rng(stream))
+        for mesh, stream in zip(asset.meshes, streams, strict=True)
+    )
+    return replace(asset, meshes=meshes)
+
+
+def write_attacked(asset: Asset, output: Path) -> None:
+    """Write an attacked asset whole: a USD stage by its suffix, otherwise a folder of OBJ.
+
+    Raises
+    ------
+    UsageError
+        If the output is neither.
+    """
+    if output.suffix.lower() in LAYER_SUFFIXES:
+        from meshmark.usd.stages import write_stage
+
+        return write_stage(asset, output)
+    reader = make_reader("obj")
+    write_new = getattr(reader, "write_new", None)
+    if output.suffix or write_new is None:
+        raise UsageError(
+            f"an attack's result is one of {', '.join(LAYER_SUFFIXES)}, or a folder of OBJ frames",
+            source=output,
+        )
+    write_new(asset, output)
+    return None

@@ -1,0 +1,40 @@
+"""The command line: parse, call the core, print. One module a command."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from meshmark.cli.app import app
+from meshmark.cli.console import complain
+from meshmark.errors import MeshmarkError
+
+DEBUG_VARIABLE = "MESHMARK_DEBUG"
+BUG = 70
+INTERRUPTED = 130
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command line; every error is one line on stderr and an exit code."""
+    try:
+        app(prog_name="meshmark")
+    except MeshmarkError as error:
+        complain(str(error))
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever read our output has gone; there is nobody left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        if os.environ.get(DEBUG_VARIABLE) == "1":
+            raise
+        complain(
+            f"this is a bug in meshmark: {type(error).__name__}: {error}; "
+            f"{DEBUG_VARIABLE}=1 shows where"
+        )
+        sys.exit(BUG)

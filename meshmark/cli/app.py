@@ -1,0 +1,46 @@
+"""The commands, gathered. Each imports what it needs when it runs, so that --help is quick."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from meshmark.cli.attack import attack
+from meshmark.cli.demo import demo
+from meshmark.cli.embed import embed
+from meshmark.cli.inspect import inspect
+from meshmark.cli.keygen import keygen
+from meshmark.cli.plugins import plugins
+from meshmark.cli.segment import segment
+from meshmark.cli.verify import verify
+
+app = typer.Typer(
+    help="Marks animated meshes, and finds the mark again in a leaked copy.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from meshmark.version import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")
+    ] = False,
+) -> None:
+    """Mark animated meshes, and find the mark again in a leaked copy."""
+
+
+for command in (keygen, inspect, embed, verify, attack, segment, demo):
+    app.command()(command)
+app.add_typer(plugins, name="plugins")

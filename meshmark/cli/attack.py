@@ -1,0 +1,34 @@
+"""`meshmark attack`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from meshmark.cli.console import say
+from meshmark.cli.options import OutputOption, SeedOption, SourceArgument
+
+
+def attack(
+    name: Annotated[
+        str, typer.Argument(help="The attack; see `plugins list`.", show_default=False)
+    ],
+    source: SourceArgument,
+    output: OutputOption,
+    parameters: Annotated[
+        list[str],
+        typer.Option("--parameter", "-p", metavar="PARAMETER=VALUE", help="Of the attack."),
+    ] = [],  # noqa: B006 (typer makes a new list each time)
+    seed: SeedOption = 0,
+) -> None:
+    """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
+    from meshmark.attacking import attack_asset, attack_from_text, write_attacked
+    from meshmark.publishing import check_output
+    from meshmark.sources import read
+
+    check_output(output, source, deliver=False)
+    made = attack_from_text(name, parameters)
+    attacked = attack_asset(read(source), made, seed)
+    write_attacked(attacked, output)
+    say(f"{output}: written")

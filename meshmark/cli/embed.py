@@ -1,0 +1,95 @@
+"""`meshmark embed`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from meshmark.cli.console import frame_progress, put_json, say, warn
+from meshmark.cli.options import (
+    FramesOption,
+    GeodesicOption,
+    JsonOption,
+    KeyOption,
+    OutputOption,
+    PrimOption,
+    SegmenterOption,
+    SetOption,
+    SourceArgument,
+    load_key,
+)
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+
+NOT_ALL_MARKED = 1
+
+
+def embed(
+    source: SourceArgument,
+    output: OutputOption,
+    key: KeyOption,
+    scheme: Annotated[str, typer.Option(help="How the mark is carried.")] = DEFAULT_SCHEME,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    geodesic: GeodesicOption = DEFAULT_GEODESIC,
+    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    prim: PrimOption = [],  # noqa: B006
+    frames: FramesOption = None,
+    strength: Annotated[
+        float | None, typer.Option(help="How far a chip is pushed, in bins; the scheme's default.")
+    ] = None,
+    recipient: Annotated[str | None, typer.Option(help="Whose copy this will be.")] = None,
+    deliver: Annotated[
+        bool, typer.Option("--deliver", help="Flatten: no unmarked point is left in the file.")
+    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Do all but write.")] = False,
+    json: JsonOption = False,
+) -> None:
+    """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
+    from meshmark.parallel import default_jobs
+    from meshmark.publishing import publish
+    from meshmark.recipe import recipe_from_text
+
+    recipe = recipe_from_text(scheme, segmenter, geodesic, settings, strength)
+    secret = load_key(key)
+    with frame_progress() as progress:
+        published = publish(
+            source,
+            output,
+            secret,
+            recipe=recipe,
+            prims=prim,
+            frames=frames,
+            recipient=recipient,
+            deliver=deliver,
+            dry_run=dry_run,
+            jobs=default_jobs(),
+            progress=progress,
+        )
+    document = published.manifest.document
+    if json:
+        put_json(document)
+    _tell(document, dry_run)
+    for skipped, reason in published.skipped:
+        warn(f"{skipped}: not marked: {reason}")
+    marked = published.verdict.verdict == "marked"
+    if not marked:
+        warn(
+            f"what was written verifies with log10 p {published.verdict.log10_p:.2f} only: "
+            f"{published.verdict.verdict} at {document['verification']['fpr']:g}"
+        )
+    if published.skipped or published.verdict.verdict == "not marked":
+        raise typer.Exit(NOT_ALL_MARKED)
+
+
+def _tell(document: dict[str, Any], dry_run: bool) -> None:
+    for prim in document["prims"]:
+        found = prim["distortion"]
+        say(
+            f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "
+            f"{prim['carriers']} carriers; MRMS {found['mrms_rel']:.2e} and Hausdorff "
+            f"{found['hausdorff_rel']:.2e} of the diagonal; "
+            f"log10 p {prim['verification']['log10_p']:.1f}"
+            if prim["verification"]
+            else f"{prim['prim']}: nothing is found again"
+        )
+    say("dry run: nothing was written" if dry_run else f"{document['output']}: written")

@@ -1,0 +1,63 @@
+"""`meshmark inspect`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from meshmark.cli.console import put_json
+from meshmark.cli.options import (
+    GeodesicOption,
+    JsonOption,
+    SegmenterOption,
+    SetOption,
+    SourceArgument,
+)
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+
+CANNOT_HOLD = 1
+
+
+def inspect(
+    source: SourceArgument,
+    scheme: Annotated[str, typer.Option(help="The scheme it is to hold.")] = DEFAULT_SCHEME,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    geodesic: GeodesicOption = DEFAULT_GEODESIC,
+    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    json: JsonOption = False,
+) -> None:
+    """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
+    from meshmark.inspection import inspect_asset
+    from meshmark.recipe import recipe_from_text
+    from meshmark.sources import read
+
+    recipe = recipe_from_text(scheme, segmenter, geodesic, settings)
+    document = inspect_asset(read(source), recipe)
+    if json:
+        put_json(document)
+    else:
+        _tell(document)
+    if not all(prim["can_hold"] for prim in document["prims"]):
+        raise typer.Exit(CANNOT_HOLD)
+
+
+def _tell(document: dict[str, Any]) -> None:
+    typer.echo(f"{document['source']}: {len(document['prims'])} mesh(es)")
+    for note in document["notes"]:
+        typer.echo(f"  note: {note}")
+    for prim in document["prims"]:
+        kind = "" if prim["constant_topology"] else ", connectivity changes over time"
+        typer.echo(
+            f"  {prim['prim']}: {prim['frames']} frames, {prim['points']} points, "
+            f"{prim['faces']} faces{kind}"
+        )
+        for note in prim["notes"]:
+            typer.echo(f"    note: {note}")
+        if prim["can_hold"]:
+            typer.echo(
+                f"    can hold a mark: {prim['carriers']} carriers, {prim['chips']} chips, "
+                f"log10 p down to {prim['reachable_log10_p']:.1f}"
+            )
+        else:
+            typer.echo(f"    cannot hold a mark: {prim['reason']}")

@@ -1,0 +1,42 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from meshmark.cli.console import warn
+from meshmark.keys import Key, readable_by_others
+
+SourceArgument = Annotated[
+    str, typer.Argument(help="A USD file, a folder or glob of OBJ frames.", show_default=False)
+]
+OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where to write.")]
+KeyOption = Annotated[Path, typer.Option("--key", help="Key file, from `meshmark keygen`.")]
+SegmenterOption = Annotated[str, typer.Option(help="What cuts the mesh into parts.")]
+GeodesicOption = Annotated[str, typer.Option(help="What measures distances along the surface.")]
+SetOption = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="A parameter of the scheme (bits=16), or of a plugin by name (sdf.rays=25).",
+    ),
+]
+PrimOption = Annotated[list[str], typer.Option("--prim", help="Path of a mesh; all by default.")]
+FramesOption = Annotated[
+    str | None,
+    typer.Option(metavar="A:B[:S]", help="Time codes from A to B, every S-th frame."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of everything random.")]
+
+
+def load_key(path: Path) -> Key:
+    """Read the key file, and warn if others can read it too."""
+    key = Key.load(path)
+    if readable_by_others(path):
+        warn(f"{path}: this key file can be read by others; chmod 600 it")
+    return key

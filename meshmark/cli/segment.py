@@ -1,0 +1,35 @@
+"""`meshmark segment`."""
+
+from __future__ import annotations
+
+from meshmark.cli.console import say
+from meshmark.cli.options import (
+    FramesOption,
+    OutputOption,
+    SegmenterOption,
+    SetOption,
+    SourceArgument,
+)
+from meshmark.recipe import DEFAULT_SEGMENTER
+
+
+def segment(
+    source: SourceArgument,
+    output: OutputOption,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    frames: FramesOption = None,
+) -> None:
+    """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
+    from meshmark.publishing import check_output
+    from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
+    from meshmark.sources import read
+
+    check_output(output, source, deliver=False)
+    asset = read(source)
+    labels = segment_asset(asset, segmenter_from_text(segmenter, settings), frames)
+    write_segmented(asset, labels, frames, output)
+    for prim, each in labels.items():
+        counts = sorted({int(parts.max()) + 1 for parts in each})
+        say(f"{prim}: {' to '.join(str(n) for n in {counts[0], counts[-1]})} parts")
+    say(f"{output}: written")

@@ -1,0 +1,128 @@
+"""`meshmark verify`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from meshmark.cli.console import complain, frame_progress, put_json, say, warn
+from meshmark.cli.options import (
+    FramesOption,
+    GeodesicOption,
+    JsonOption,
+    KeyOption,
+    SegmenterOption,
+    SetOption,
+    load_key,
+)
+from meshmark.errors import MeshmarkError
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe
+from meshmark.verdict import Verdict
+
+MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
+
+
+def verify(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="SOURCE...", help="Copies to look at.", show_default=False),
+    ],
+    key: KeyOption,
+    scheme: Annotated[
+        str | None, typer.Option(help="The scheme it was marked with; every one by default.")
+    ] = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    geodesic: GeodesicOption = DEFAULT_GEODESIC,
+    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    recipient: Annotated[
+        list[str], typer.Option("--recipient", help="A name to try; each is paid for.")
+    ] = [],  # noqa: B006
+    frames: FramesOption = None,
+    fpr: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
+    ] = 1e-6,
+    json: JsonOption = False,
+) -> None:
+    """Say of each SOURCE whether it bears the key's mark, whose copy it is, and how surely."""
+    from meshmark.errors import UsageError
+
+    if not 0.0 < fpr < 1.0:
+        raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
+    recipes = _recipes(scheme, segmenter, geodesic, settings)
+    secret = load_key(key)
+    verdicts: list[Verdict] = []
+    worst = 0
+    for source in sources:
+        try:
+            verdict = _verify_one(source, secret, recipes, recipient, frames, fpr)
+        except MeshmarkError as error:
+            complain(str(error))
+            worst = worst or error.exit_code
+            continue
+        verdicts.append(verdict)
+        _tell(verdict)
+    if json:
+        put_json({"assets": [verdict.as_json() for verdict in verdicts]})
+    code = worst or exit_code(verdicts)
+    if code:
+        raise typer.Exit(code)
+
+
+def exit_code(verdicts: Sequence[Verdict]) -> int:
+    """Return 0 if all are marked, else 1 if one is not, else 4."""
+    answers = {verdict.verdict for verdict in verdicts}
+    if "not marked" in answers:
+        return NOT_MARKED
+    return INCONCLUSIVE if "inconclusive" in answers else MARKED
+
+
+def _recipes(
+    scheme: str | None, segmenter: str, geodesic: str, settings: Sequence[str]
+) -> Sequence[Recipe]:
+    from meshmark.plugins import catalogue
+    from meshmark.recipe import recipe_from_text
+
+    if scheme is not None:
+        return [recipe_from_text(scheme, segmenter, geodesic, settings)]
+    names = [offer.name for offer in catalogue().of_kind("scheme")]
+    if settings and len(names) > 1:
+        from meshmark.errors import UsageError
+
+        raise UsageError(f"--set needs --scheme, one of {', '.join(names)}")
+    return [recipe_from_text(name, segmenter, geodesic, settings) for name in names]
+
+
+def _verify_one(source: str, secret: Any, recipes: Sequence[Recipe], *rest: Any) -> Verdict:
+    from meshmark.parallel import default_jobs
+    from meshmark.sources import read
+    from meshmark.verification import verify as verify_asset
+
+    recipients, frames, fpr = rest
+    asset = read(source)
+    with frame_progress() as progress:
+        return verify_asset(
+            asset,
+            secret,
+            recipes=recipes,
+            recipients=recipients,
+            frames=frames,
+            fpr=fpr,
+            jobs=default_jobs(),
+            progress=lambda prim, done, total: progress("verify", prim, done, total),
+        )
+
+
+def _tell(verdict: Verdict) -> None:
+    whose = f", copy of {verdict.recipient}" if verdict.recipient else ""
+    say(f"{verdict.source}: {verdict.verdict}{whose}, log10 p {verdict.log10_p:.2f}")
+    for prim in verdict.prims:
+        errors = prim.finding.errors
+        say(
+            f"  {prim.prim}: {prim.verdict} by {prim.scheme}, log10 p {prim.log10_p:.2f}, "
+            f"{prim.chips} chips in {len(prim.times)} frames, "
+            f"BER avg {errors.average:.4f} max {errors.maximum:.4f}"
+        )
+    for note in verdict.notes:
+        warn(note)

@@ -1,0 +1,65 @@
+"""Foresees, without a key, whether the meshes of an asset can hold a mark."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.detection import extract
+from meshmark.errors import CapacityError, InputError
+from meshmark.recipe import Recipe
+
+
+def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:
+    """Describe an asset as `inspect --json` prints it.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The scheme that is to hold the mark; it is tried on the first frame.
+
+    Returns
+    -------
+    dict
+        JSON values; its schema is `schemas/json/inspect.schema.json`.
+    """
+    return {
+        "source": asset.source,
+        "reader": asset.reader,
+        "up_axis": asset.up_axis,
+        "meters_per_unit": asset.meters_per_unit,
+        "fps": asset.fps,
+        "scheme": recipe.scheme,
+        "notes": list(asset.notes),
+        "prims": [_prim(animation, recipe) for animation in asset.meshes],
+    }
+
+
+def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
+    first = animation[0]
+    entry: dict[str, Any] = {
+        "prim": animation.prim,
+        "frames": len(animation),
+        "points": first.topology.n_points,
+        "faces": len(first.topology.counts),
+        "constant_topology": animation.constant_topology,
+        "notes": list(animation.notes),
+        "can_hold": False,
+        "reason": None,
+        "carriers": 0,
+        "chips": 0,
+        "reachable_log10_p": 0.0,
+    }
+    try:
+        if not animation.constant_topology:
+            raise InputError("the connectivity changes over time")
+        evidence = extract(animation, recipe.build(), recipe.scheme, frames=(0,))
+    except (CapacityError, InputError) as error:
+        return {**entry, "reason": error.message}
+    return {
+        **entry,
+        "can_hold": True,
+        "carriers": evidence.value.shape[1],
+        "chips": evidence.chips,
+        "reachable_log10_p": evidence.reachable_log10_p,
+    }

@@ -1,0 +1,98 @@
+"""Tries what a plugin offers on a small mesh: a quick look, where the suites are the full one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from meshmark.animation import MeshAnimation
+from meshmark.plugins import Offer, catalogue
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, SolverFactory
+from meshmark.testing.meshes import dumbbell
+
+
+def check_offer(offer: Offer) -> list[str]:
+    """Make what is offered and try it.
+
+    Returns
+    -------
+    list of str
+        What is wrong; empty if nothing is.
+    """
+    try:
+        return _CHECKS[offer.kind](offer)
+    # A stranger's code may raise anything; the reason is what the user asked for.
+    except Exception as error:
+        return [f"{type(error).__name__}: {error}"]
+
+
+def _reader(offer: Offer) -> list[str]:
+    reader = offer.record.factory()
+    accepted = reader.accepts("no-such-file.unknown-suffix")
+    return ["accepts a file of a kind nobody knows"] if accepted else []
+
+
+def _segmenter(offer: Offer) -> list[str]:
+    V, F = dumbbell()
+    labels = np.asarray(offer.record.factory().segment(V, F))
+    again = np.asarray(offer.record.factory().segment(V, F))
+    problems = []
+    if labels.shape != (len(F),) or labels.dtype.kind not in "iu":
+        problems.append(f"labels are {labels.dtype} {labels.shape}, not int ({len(F)},)")
+    if not np.array_equal(labels, again):
+        problems.append("two runs differ")
+    return problems
+
+
+def _geodesic(offer: Offer) -> list[str]:
+    V, F = dumbbell()
+    sources = np.array([0, len(V) - 1])
+    D = np.asarray(offer.record.factory(V, F).distances(sources))
+    if D.shape != (2, len(V)):
+        return [f"distances are {D.shape}, not (2, {len(V)})"]
+    problems = []
+    if np.abs(D[[0, 1], sources]).max() > 1e-6 * D.max():
+        problems.append("the distance of a source to itself is not 0")
+    if np.any(D < 0):
+        problems.append("some distances are negative")
+    return problems
+
+
+def _scheme(offer: Offer) -> list[str]:
+    from meshmark.detection import extract
+
+    segmenter = catalogue().make("segmenter", DEFAULT_SEGMENTER)
+    solver = SolverFactory(DEFAULT_GEODESIC, {})
+    scheme = offer.record.factory(segmenter=segmenter, solver=solver)
+    evidence = extract(_animation(), scheme, offer.name)
+    if evidence.value.shape[2] != scheme.n_chips:
+        return [f"a carrier has {evidence.value.shape[2]} chips, not {scheme.n_chips}"]
+    return []
+
+
+def _attack(offer: Offer) -> list[str]:
+    animation = _animation()
+    before = animation[0].points.copy()
+    attacked = offer.record.factory().apply(animation, np.random.default_rng(0))
+    problems = []
+    if not np.all(np.isfinite(attacked[0].points)):
+        problems.append("leaves points that are not finite")
+    if not np.array_equal(before, animation[0].points):
+        problems.append("changes the animation it is given")
+    return problems
+
+
+def _animation() -> MeshAnimation:
+    from meshmark.demo import creature
+
+    return creature(frames=2)
+
+
+_CHECKS: dict[str, Callable[[Offer], list[str]]] = {
+    "reader": _reader,
+    "segmenter": _segmenter,
+    "geodesic": _geodesic,
+    "scheme": _scheme,
+    "attack": _attack,
+}

@@ -1,0 +1,95 @@
+"""Parts of every mesh of an asset, to be looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Asset, Frame
+from meshmark.errors import UsageError
+from meshmark.hookspecs import Segmenter
+from meshmark.plugins import catalogue, make_segmenter
+from meshmark.recipe import convert
+from meshmark.sources import LAYER_SUFFIXES
+from meshmark.timeline import frames_in
+from meshmark.welding import Welding
+
+IntArray = NDArray[np.int64]
+Labels = Mapping[str, list[IntArray]]
+
+
+def segmenter_from_text(name: str, settings: Sequence[str]) -> Segmenter:
+    """Make a segmenter from its name and typed settings, `rays=25` or `sdf.rays=25`."""
+    offer = catalogue().find("segmenter", name)
+    values = {}
+    for text in settings:
+        key, found, value = text.partition("=")
+        plugin, _, parameter = key.rpartition(".")
+        if not found or plugin not in ("", name):
+            raise UsageError(f"--set takes NAME=VALUE or {name}.NAME=VALUE, not {text!r}")
+        values[parameter] = convert(offer, parameter, value)
+    return make_segmenter(name, **values)
+
+
+def segment_asset(asset: Asset, segmenter: Segmenter, frames: str | None) -> Labels:
+    """Label the triangles of every mesh.
+
+    Parameters
+    ----------
+    frames : str, optional
+        Range of frames to segment, each by itself; without it, the first one's parts are
+        taken to hold for all.
+
+    Returns
+    -------
+    mapping of prim to list of (F,) int
+        One array for each frame segmented.
+    """
+    return {
+        mesh.prim: [
+            _labels(mesh[index], segmenter)
+            for index in (frames_in(mesh, frames) if frames is not None else (0,))
+        ]
+        for mesh in asset.meshes
+    }
+
+
+def _labels(frame: Frame, segmenter: Segmenter) -> IntArray:
+    welding = Welding.of(frame)
+    analysed = welding.frame(frame)
+    labels = np.zeros(len(frame.faces), dtype=np.int64)
+    labels[welding.faces] = segmenter.segment(analysed.points, analysed.faces)
+    return labels
+
+
+def write_segmented(asset: Asset, labels: Labels, frames: str | None, output: Path) -> None:
+    """Write a layer with the parts over the asset's stage.
+
+    A source that is no stage is written as one first, beside the layer, for it to lie over.
+
+    Raises
+    ------
+    UsageError
+        If the output is no USD layer.
+    """
+    if output.suffix.lower() not in LAYER_SUFFIXES:
+        raise UsageError(f"parts are written as one of {', '.join(LAYER_SUFFIXES)}", source=output)
+    from meshmark.usd.parts import write_parts
+    from meshmark.usd.reading import read_stage
+
+    if asset.reader != "usd":
+        from meshmark.usd.stages import write_stage
+
+        under = output.with_name(f"{output.stem}.points.usdc")
+        write_stage(asset, under)
+        prims = [mesh.prim for mesh in asset.meshes]
+        asset = read_stage(str(under))
+        labels = {mesh.prim: labels[prim] for mesh, prim in zip(asset.meshes, prims, strict=True)}
+    if frames is None:
+        write_parts(asset, {prim: each[0] for prim, each in labels.items()}, output)
+        return
+    indices = frames_in(asset.meshes[0], frames)
+    write_parts(asset, labels, output, indices)
