@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom
+
+from meshmark.statistics import (
+    TILTS,
+    exact_log10_p,
+    hoeffding_log10_p,
+    log10_p_words,
+    log_assignments,
+    log_cosh,
+    mean_over_assignments,
+    reachable_log10_p,
+    word_log_e,
+)
+
+
+def all_words(K: int) -> np.ndarray:
+    return np.array(list(itertools.product([-1, 1], repeat=K)))
+
+
+def test_log_cosh() -> None:
+    x = np.linspace(-5, 5, 101)
+    np.testing.assert_allclose(log_cosh(x), np.log(np.cosh(x)), atol=1e-14)
+    assert log_cosh(np.array([1e6]))[0] == pytest.approx(1e6 - np.log(2))
+
+
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=8))
+def test_every_e_value_has_expectation_one(S) -> None:
+    words = all_words(len(S))
+    e = np.exp(word_log_e(np.array([S]), words[:, None, :]))
+    np.testing.assert_allclose(e.mean(axis=0), 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("C", "M"), [(1, 1), (2, 2), (2, 4), (3, 2), (4, 4), (5, 3)])
+def test_mean_over_assignments_against_enumeration(C, M) -> None:
+    log_e = np.random.default_rng(3).normal(size=(C, M))
+    if C <= M:
+        products = [
+            sum(log_e[c, m] for c, m in enumerate(choice))
+            for choice in itertools.permutations(range(M), C)
+        ]
+    else:
+        products = [
+            sum(log_e[c, m] for m, c in enumerate(choice))
+            for choice in itertools.permutations(range(C), M)
+        ]
+    assert mean_over_assignments(log_e) == pytest.approx(np.log(np.mean(np.exp(products))))
+    assert np.exp(log_assignments(C, M)) == pytest.approx(len(products))
+
+
+def test_assignment_mean_has_expectation_one() -> None:
+    # All 2^(2 x 3) pairs of words on three carriers of three chips, two of which hold a word.
+    S = np.random.default_rng(0).uniform(-1, 1, size=(3, 3))
+    pairs = np.array(list(itertools.product(all_words(3), repeat=2)))
+    log_e = mean_over_assignments(word_log_e(S, pairs))
+    np.testing.assert_allclose(np.exp(log_e).mean(axis=0), 1.0, rtol=1e-9)
+
+
+@given(st.integers(1, 12), st.integers(0, 12))
+def test_exact_tail_of_equal_chips_is_binomial(K, right) -> None:
+    right = min(right, K)
+    word = np.array([1] * right + [-1] * (K - right))
+    expected = binom.sf(right - 1, K, 0.5)
+    assert 10 ** exact_log10_p(np.ones(K), word) == pytest.approx(expected)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=10).filter(any))
+def test_exact_tail_is_never_above_hoeffding(S) -> None:
+    S, words = np.array(S), all_words(len(S))
+    scored = words[(words @ S) > 0]
+    assert np.all(exact_log10_p(S, scored) <= hoeffding_log10_p(S, scored) + 1e-9)
+
+
+@pytest.mark.parametrize("n_words", [1, 8])
+@pytest.mark.parametrize("K", [16, 40])
+def test_p_is_honest_on_random_keys(n_words, K) -> None:
+    rng = np.random.default_rng(11)
+    S = np.clip(rng.normal(size=(6, K)), -1, 1)
+    n = 2000
+    words = 2 * rng.integers(0, 2, size=(n, n_words, K)) - 1
+    log10_p = log10_p_words(S, words)
+    assert np.all(log10_p <= 0)
+    for alpha in (0.5, 0.1, 0.01):
+        share = np.mean(log10_p <= np.log10(alpha))
+        assert share <= alpha + 5 * np.sqrt(alpha * (1 - alpha) / n)
+
+
+def test_right_words_in_any_order_are_found() -> None:
+    rng = np.random.default_rng(5)
+    words = 2 * rng.integers(0, 2, size=(8, 16)) - 1
+    S = words[[3, 2, 7, 5, 4, 0]].astype(float)
+    strong = log10_p_words(S, words)
+    ceiling = np.log10(20160) - 96 * np.log10(2)
+    assert ceiling < strong < ceiling + np.log10(len(TILTS))
+    # The other assignments add next to nothing to the right one.
+    assert strong == pytest.approx(reachable_log10_p(S != 0, 8), abs=1e-3)
+    assert log10_p_words(S[::-1], words[::-1]) == pytest.approx(strong, abs=1e-9)
+
+
+def test_sixteen_shared_bits_never_reach_one_in_a_million() -> None:
+    word = 2 * np.random.default_rng(1).integers(0, 2, size=16) - 1
+    S = np.tile(word, (6, 1)).astype(float)
+    assert log10_p_words(S, word[None]) == pytest.approx(-16 * np.log10(2))
+    assert reachable_log10_p(np.ones((6, 16), dtype=bool), 1) == pytest.approx(-16 * np.log10(2))
+    assert reachable_log10_p(np.ones((6, 16), dtype=bool), 8) < -20
+
+
+def test_no_evidence_is_no_evidence() -> None:
+    words = np.ones((8, 16), dtype=int)
+    assert log10_p_words(np.zeros((6, 16)), words) == 0.0
+    assert log10_p_words(np.zeros((6, 16)), words[:1]) == 0.0
+    assert reachable_log10_p(np.zeros((6, 16), dtype=bool), 8) == 0.0

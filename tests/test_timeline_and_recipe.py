@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.animation import MeshAnimation
+from meshmark.errors import UsageError
+from meshmark.recipe import Recipe, recipe_from_text
+from meshmark.timeline import frames_in
+
+TRIANGLE = (np.eye(3), np.array([[0, 1, 2]]))
+
+
+def animation(times) -> MeshAnimation:
+    points, faces = TRIANGLE
+    return MeshAnimation.from_arrays(np.tile(points, (len(times), 1, 1)), faces, times=times)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, [0, 1, 2, 3, 4]),
+        ("auto", [0, 1, 2, 3, 4]),
+        ("101:103", [0, 1, 2]),
+        ("102:", [1, 2, 3, 4]),
+        (":102.5", [0, 1]),
+        ("101:105:2", [0, 2, 4]),
+    ],
+)
+def test_ranges_include_both_ends(text, expected) -> None:
+    assert list(frames_in(animation([101.0, 102, 103, 104, 105]), text)) == expected
+
+
+@pytest.mark.parametrize("text", ["7", "a:b", "3:1", "1:5:0", "1:5:-1", "1:2:3:4", "1:5:0.5"])
+def test_what_is_no_range_is_refused(text) -> None:
+    with pytest.raises(UsageError, match="A:B"):
+        frames_in(animation([1.0, 2.0, 3.0]), text)
+
+
+def test_an_empty_range_says_what_there_is() -> None:
+    with pytest.raises(UsageError, match=r"there are 3, from 1 to 3"):
+        frames_in(animation([1.0, 2.0, 3.0]), "10:20")
+
+
+def test_settings_go_to_their_plugins_with_their_types() -> None:
+    recipe = recipe_from_text("tsai2014", settings=["bits=24", "sdf.rays=9"], strength=0.1)
+    assert recipe.settings == {"tsai2014": {"bits": 24, "strength": 0.1}, "sdf": {"rays": 9}}
+    scheme = recipe.build()
+    assert (scheme.n_chips, scheme.strength) == (24, 0.1)
+    recorded = recipe.as_json()
+    assert recorded["scheme"]["parameters"]["bits"] == 24
+    assert recorded["scheme"]["parameters"]["propagate"] == "adapt"
+    assert recorded["segmenter"]["parameters"]["rays"] == 9
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["bits"], "NAME=VALUE"),
+        (["bits=many"], "takes a value like 16"),
+        (["colour=red"], "has no parameter 'colour'; it takes: bits"),
+        (["dijkstra.rays=3"], "only tsai2014, sdf, heat are in use"),
+    ],
+)
+def test_bad_settings_say_what_would_be_good(settings, message) -> None:
+    with pytest.raises(UsageError, match=message):
+        recipe_from_text("tsai2014", settings=settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("bits", 1), ("strength", 0.5), ("words", 13), ("propagate", "teleport"), ("step", 0.0)],
+)
+def test_impossible_values_are_refused(name, value) -> None:
+    with pytest.raises(UsageError, match=name):
+        Recipe(settings={"tsai2014": {name: value}}).build()
+
+
+def test_unknown_names_list_the_known() -> None:
+    with pytest.raises(UsageError, match=r"known are: .*tsai2014"):
+        Recipe("tsai2015")

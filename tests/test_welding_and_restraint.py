@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meshmark.animation import Frame, Topology
+from meshmark.errors import CapacityError
+from meshmark.restraint import REACH, face_normals, mean_edge_lengths, restrain
+from meshmark.welding import Welding
+
+
+def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.meshgrid(np.arange(n, dtype=float), np.arange(n, dtype=float), indexing="ij")
+    V = np.stack([x.ravel(), y.ravel(), np.zeros(n * n)], axis=1)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    F = np.concatenate([np.stack([i, i + n, i + 1], 1), np.stack([i + 1, i + n, i + n + 1], 1)])
+    return V, F
+
+
+def unindexed(V: np.ndarray, F: np.ndarray) -> Frame:
+    soup = V[F].reshape(-1, 3)
+    return Frame(1.0, soup, Topology.from_triangles(np.arange(len(soup)).reshape(-1, 3), len(soup)))
+
+
+def test_a_soup_of_triangles_is_welded_and_spread_back() -> None:
+    V, F = grid(4)
+    frame = unindexed(V, F)
+    welding = Welding.of(frame)
+    analysed = welding.frame(frame)
+    assert len(analysed.points) == len(V)
+    np.testing.assert_array_equal(analysed.points[analysed.faces], frame.points[frame.faces])
+    D = np.random.default_rng(0).normal(size=analysed.points.shape)
+    moved = frame.points + welding.spread(D)
+    np.testing.assert_allclose(
+        moved[frame.faces], (analysed.points + D)[analysed.faces], atol=1e-15
+    )
+
+
+def test_unused_points_stay_and_degenerate_faces_go() -> None:
+    V, F = grid(3)
+    points = np.concatenate([[[9.0, 9, 9]], V, [[0, 0, 0]]])
+    faces = np.concatenate([F + 1, [[1, 1, 2], [1, 10, 2]]])
+    frame = Frame(1.0, points, Topology.from_triangles(faces, len(points)))
+    welding = Welding.of(frame)
+    # Point 10 coincides with point 1, so that the last two faces have no extent.
+    assert len(welding.faces) == len(F)
+    spread = welding.spread(np.ones((len(V), 3)))
+    assert spread[0].tolist() == [0, 0, 0]
+    assert np.all(spread[1:] == 1)
+
+
+def test_a_mesh_of_nothing_but_needles_is_refused() -> None:
+    frame = Frame(1.0, np.zeros((3, 3)), Topology.from_triangles(np.array([[0, 1, 2]]), 3))
+    with pytest.raises(CapacityError, match="three distinct corners"):
+        Welding.of(frame)
+
+
+def test_edge_lengths_of_a_grid() -> None:
+    V, F = grid(3)
+    # A corner has two edges of length 1, or three with the diagonal.
+    assert mean_edge_lengths(V, F)[0] == pytest.approx(1.0)
+    assert mean_edge_lengths(V, F)[2] == pytest.approx((2 + np.sqrt(2)) / 3)
+
+
+@given(st.integers(0, 10_000), st.floats(0.01, 30))
+def test_restrained_moves_turn_no_face_and_stay_near(seed, size) -> None:
+    V, F = grid(6)
+    moved = V + size * np.random.default_rng(seed).normal(size=V.shape)
+    kept = restrain(V, moved, F)
+    assert np.all(np.einsum("ij,ij->i", face_normals(V, F), face_normals(kept, F)) > 0)
+    length = np.linalg.norm(kept - V, axis=1)
+    assert np.all(length <= REACH * mean_edge_lengths(V, F) * (1 + 1e-12))
+
+
+def test_harmless_moves_are_left_alone() -> None:
+    V, F = grid(5)
+    moved = V + 0.05 * np.random.default_rng(1).uniform(-1, 1, size=V.shape)
+    np.testing.assert_allclose(restrain(V, moved, F), moved, atol=1e-15)
