@@ -24,7 +24,11 @@ def default_jobs() -> int:
     """Return the number of worker processes: MESHMARK_JOBS, or one for each processor."""
     text = os.environ.get(JOBS_VARIABLE)
     if text is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return (
+            len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count() or 1
+        )
     if not text.isdigit() or int(text) < 1:
         raise UsageError(f"{JOBS_VARIABLE} must be a whole number from 1, not {text!r}")
     return int(text)

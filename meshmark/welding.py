@@ -46,9 +46,7 @@ class Welding:
             If no triangle with three distinct corners is left.
         """
         _, F, new = weld(frame.points, frame.faces)
-        proper = np.flatnonzero(
-            (F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])
-        )
+        proper = np.flatnonzero((F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0]))
         if proper.size == 0:
             raise CapacityError("the mesh has no face with three distinct corners")
         used, F = np.unique(F[proper], return_inverse=True)
