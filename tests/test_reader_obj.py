@@ -3,16 +3,15 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
-from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.errors import InputError
 from meshmark.testing.attacks import bending_ball, sphere
-from meshmark.testing.readers import ReaderSuite, contents, shifted
+from meshmark.testing.readers import ReaderSuite
 from meshmark_plugins.readers import RECORDS
 from meshmark_plugins.readers.obj import ObjFrames
 from meshmark_plugins.readers.obj_text import ObjText
@@ -205,100 +204,6 @@ def test_a_file_that_changed_after_reading_is_noticed(tmp_path):
     write_files(tmp_path, {"2.obj": "v 9 9 9\n" + triangle()})
     with pytest.raises(InputError, match=r"2\.obj: frame 2: 4 vertices where there were 3"):
         mesh[1]
-
-
-def test_write_keeps_all_bytes_of_unmoved_vertices(tmp_path):
-    source = write_files(tmp_path / "in", {"a1.obj": WEIRD, "a2.obj": WEIRD})
-    original = ObjFrames().read(str(source))
-    ObjFrames().write(original, original, tmp_path / "out")
-    assert [*map(Path.read_bytes, sorted((tmp_path / "out").iterdir()))] == [WEIRD, WEIRD]
-
-
-def test_frames_that_were_not_marked_are_copied(tmp_path):
-    source = write_files(tmp_path / "in", {f"{i}.obj": triangle(i) for i in (1, 2, 3)})
-    original = ObjFrames().read(str(source))
-    mesh = original.meshes[0]
-    marked = replace(original, meshes=(mesh.select([1]).map(shifted),))
-    ObjFrames().write(marked, original, tmp_path / "out")
-    same = [(tmp_path / "out" / f"{i}.obj").read_text() == triangle(i) for i in (1, 2, 3)]
-    assert same == [True, False, True]
-    ObjFrames().write(replace(original, meshes=()), original, tmp_path / "untouched")
-    assert (tmp_path / "untouched" / "2.obj").read_text() == triangle(2)
-
-
-def test_writing_refuses_what_it_cannot_do(tmp_path):
-    source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
-    original = ObjFrames().read(str(source))
-    write = ObjFrames().write
-    with pytest.raises(OutputError, match="exists already and is not an empty folder"):
-        write(original, original, source)
-    with pytest.raises(UsageError, match="several OBJ files need a folder"):
-        write(original, original, tmp_path / "one.obj")
-    with pytest.raises(OutputError, match="cannot be written: No such file"):
-        write(original, original, tmp_path / "missing" / "out")
-    single = ObjFrames().read(str(source / "1.obj"))
-    with pytest.raises(UsageError, match="must not be the source"):
-        write(single, single, source / "1.obj")
-    later = replace(original, meshes=(replace(original.meshes[0], times=np.array([1.0, 5.0])),))
-    with pytest.raises(UsageError, match=r"holds frame 5.0, which the original does not"):
-        write(later, original, tmp_path / "out")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
-
-
-def test_a_failure_half_way_leaves_nothing(tmp_path):
-    source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
-    original = ObjFrames().read(str(source))
-    fat = Frame(2.0, np.zeros((4, 3)), Topology.from_triangles(np.array([[0, 1, 2]]), 4))
-    wrong = MeshAnimation.from_frames([original.meshes[0][0], fat])
-    with pytest.raises(UsageError, match=r"2\.obj: frame 2: the marked copy has 4 vertices"):
-        ObjFrames().write(replace(original, meshes=(wrong,)), original, tmp_path / "out")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
-
-
-def test_an_existing_empty_folder_is_filled(tmp_path):
-    source = write_files(tmp_path / "in", {"1.obj": triangle()})
-    original = ObjFrames().read(str(source))
-    (tmp_path / "out").mkdir()
-    ObjFrames().write(original, original, tmp_path / "out")
-    assert contents(tmp_path / "out")
-
-
-@pytest.mark.parametrize(
-    ("times", "names"),
-    [
-        ([1, 3, 12], ["0001", "0003", "0012"]),
-        ([9999, 10000], ["09999", "10000"]),
-        ([1, 1.5], ["0001.0", "0001.5"]),
-        ([-1, 0, 1], ["0001", "0002", "0003"]),
-        ([math.nan], ["0001"]),
-    ],
-)
-def test_new_files_are_named_by_time(tmp_path, times, names):
-    V, F = sphere(50)
-    topology = Topology.from_triangles(F, 50)
-    frames = [Frame(float(t), V + i, topology) for i, t in enumerate(times)]
-    asset = Asset("x", (MeshAnimation.from_frames(frames),), "none")
-    write_new(asset, tmp_path / "out")
-    assert sorted(path.stem for path in (tmp_path / "out").iterdir()) == names
-    again = ObjFrames().read(str(tmp_path / "out")).meshes[0]
-    for before, after in zip(frames, again, strict=True):
-        np.testing.assert_allclose(after.points, before.points, atol=1e-6)
-
-
-def test_new_files_hold_all_meshes_as_objects(tmp_path):
-    topology = Topology(np.array([4, 3]), np.array([0, 1, 2, 3, 1, 4, 2]), 5)
-    V = np.arange(15.0).reshape(5, 3)
-    quad = MeshAnimation.from_frames([Frame(1.0, V, topology)], prim="/A")
-    ball = MeshAnimation.from_arrays(*sphere(50), prim="/B")
-    write_new(Asset("x", (quad, ball), "none"), tmp_path / "out")
-    frame = ObjFrames().read(str(tmp_path / "out")).meshes[0][0]
-    assert frame.topology.n_points == 55
-    assert frame.topology.counts[:3].tolist() == [4, 3, 3]
-    np.testing.assert_array_equal(frame.topology.indices[7:] - 5, ball[0].topology.indices)
-    assert b"\no /B\n" in (tmp_path / "out" / "0001.obj").read_bytes()
-    later = replace(ball, times=np.array([2.0]))
-    with pytest.raises(UsageError, match="/B: its time codes differ"):
-        write_new(Asset("x", (quad, later), "none"), tmp_path / "other")
 
 
 def test_a_large_frame_is_parsed_fast(tmp_path):
