@@ -15,7 +15,7 @@ from meshmark_plugins.readers.obj import ObjFrames
 from meshmark_plugins.readers.obj_write import write_new
 
 # Line ends, spacing, digits and trailing data that a careless writer would lose.
-MIXED = b"# by hand\r\n v 0.500 0 0 1 0 0 # red\nvt 0 1\nv\t1e0 0 0\r\nv 0 1 \\\n 0\ng a\nf 1/1 2/1 -1/1"
+MIXED = b"# x\r\n v 0.500 0 0 1 0 0 # red\nvt 0 1\nv\t1e0 0 0\r\nv 0 1 \\\n 0\ng a\nf 1/1 2/1 -1/1"
 
 
 def triangle(x: float = 0.0) -> str:
