@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from meshmark.animation import MeshAnimation
+from meshmark.demo import creature as build_creature
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -19,6 +22,12 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"reference assets are not at {folder}; set MESHMARK_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def creature() -> MeshAnimation:
+    """Galloping creature of some 7000 points, 24 frames; one stride, which loops."""
+    return build_creature()
 
 
 @pytest.fixture(scope="session")

@@ -96,11 +96,11 @@ def write_creature(output: Path, points: int = 7000, frames: int = 24) -> Path:
 
     output = Path(output)
     target = output if output.suffix in {".usd", ".usda", ".usdc"} else output / FILE_NAME
-    animation = creature(points, frames)
-    asset = Asset(source=str(target), meshes=(animation,), reader="demo")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder: {error.strerror}", source=target) from error
+    animation = creature(points, frames)
+    asset = Asset(source=str(target), meshes=(animation,), reader="demo")
     write_stage(asset, target)
     return target

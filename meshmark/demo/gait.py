@@ -107,7 +107,7 @@ _YAW = {
 
 # The body surges as the hind feet drive, is highest in suspension, and bobs twice a stride
 # (centimetres). The segment angles above were solved for this path, so that every standing hoof
-# stays within 3 cm of the ground and goes back at one speed, STRIDE a stride.
+# stays within 4 cm of the ground and goes back at much the same speed, STRIDE a stride.
 STRIDE = 440.0
 _SURGE = Wave(0, 2, 0.15)
 _RISE = Wave(-8.2, 3.9, 0.849)

@@ -14,10 +14,12 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Weights fall by 1/e over this fraction of the flesh's radius, so that a hip bends over a longer
-# stretch than a fetlock, and then diffuse over the surface by so many umbrella half-steps.
-_FALLOFF = 0.75
-_DIFFUSION_ROUNDS = 24
+# stretch than a fetlock, and then diffuse over the surface by so many umbrella half-steps on a
+# mesh of the reference size: the length they go is the same on every mesh.
+_FALLOFF = 1.0
+_DIFFUSION_ROUNDS = 36
 _SETTLING_ROUNDS = 8
+_REFERENCE_POINTS = 7000
 
 
 def skin_weights(
@@ -60,10 +62,14 @@ def skin_weights(
 
 
 def _diffuse(X: FloatArray, F: IntArray, rounds: int) -> FloatArray:
-    """Average every vertex's row with its neighbours', again and again."""
+    """Average every vertex's row with its neighbours', again and again.
+
+    A round reaches an edge's length, and diffusion goes with its square root: as many more
+    rounds as there are points keep the reach.
+    """
     A = vertex_adjacency(F, len(X))
     degree = np.asarray(A.sum(axis=1)).reshape(-1, 1)
-    for _ in range(rounds):
+    for _ in range(max(1, round(rounds * len(X) / _REFERENCE_POINTS))):
         X = 0.5 * (X + A @ X / degree)
     return X
 
