@@ -94,7 +94,7 @@ class Catalogue:
         known = ", ".join(offer.name for offer in self.of_kind(kind)) or "none"
         raise UsageError(f"no {kind} is called {name!r}; known are: {known}{self._hint()}")
 
-    def make(self, kind: str, name: str, *args: Any, **parameters: Any) -> Any:
+    def make(self, kind: str, name: str, /, *args: Any, **parameters: Any) -> Any:
         """Call the factory of an offer.
 
         Raises
@@ -225,11 +225,11 @@ def make_reader(name: str) -> Reader:
     return cast(Reader, catalogue().make("reader", name))
 
 
-def make_segmenter(name: str, **parameters: Any) -> Segmenter:
+def make_segmenter(name: str, /, **parameters: Any) -> Segmenter:
     """Make the segmenter of that name."""
     return cast(Segmenter, catalogue().make("segmenter", name, **parameters))
 
 
-def make_attack(name: str, **parameters: Any) -> Attack:
+def make_attack(name: str, /, **parameters: Any) -> Attack:
     """Make the attack of that name."""
     return cast(Attack, catalogue().make("attack", name, **parameters))
