@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from meshmark.animation import Asset, MeshAnimation
+import numpy as np
+
+from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError
 from meshmark.recipe import Recipe
+from meshmark.welding import Welding
 
 
 def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:
@@ -46,11 +49,13 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         "notes": list(animation.notes),
         "can_hold": False,
         "reason": None,
+        "parts": 0,
         "carriers": 0,
         "chips": 0,
         "reachable_log10_p": 0.0,
     }
     try:
+        entry["parts"] = count_parts(first, recipe)
         if not animation.constant_topology:
             raise InputError("the connectivity changes over time")
         evidence = extract(animation, recipe.build(), recipe.scheme, frames=(0,))
@@ -63,3 +68,10 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         "chips": evidence.chips,
         "reachable_log10_p": evidence.reachable_log10_p,
     }
+
+
+def count_parts(frame: Frame, recipe: Recipe) -> int:
+    """Count the parts the recipe's segmenter finds in a frame."""
+    analysed = Welding.of(frame).frame(frame)
+    labels = recipe.build_segmenter().segment(analysed.points, analysed.faces)
+    return len(np.unique(labels))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark.hookspecs import GeodesicSolver, Scheme
-from meshmark.plugins import Offer, catalogue, check_parameters
+from meshmark.hookspecs import GeodesicSolver, Scheme, Segmenter
+from meshmark.plugins import Offer, catalogue, check_parameters, make_segmenter
 
 DEFAULT_SCHEME = "tsai2014"
 DEFAULT_SEGMENTER = "sdf"
@@ -77,18 +77,19 @@ class Recipe:
 
     def build(self) -> Scheme:
         """Make the scheme, with its segmenter and solver."""
-        segmenter = catalogue().make(
-            "segmenter", self.segmenter, **self.settings.get(self.segmenter, {})
-        )
         solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
         made = catalogue().make(
             "scheme",
             self.scheme,
-            segmenter=segmenter,
+            segmenter=self.build_segmenter(),
             solver=solver,
             **self.settings.get(self.scheme, {}),
         )
         return cast(Scheme, made)
+
+    def build_segmenter(self) -> Segmenter:
+        """Make the segmenter alone."""
+        return make_segmenter(self.segmenter, **self.settings.get(self.segmenter, {}))
 
     def as_json(self) -> dict[str, Any]:
         """Return plugins, versions and all parameters, for the manifest."""

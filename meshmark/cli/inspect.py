@@ -56,7 +56,8 @@ def _tell(document: dict[str, Any]) -> None:
             typer.echo(f"    note: {note}")
         if prim["can_hold"]:
             typer.echo(
-                f"    can hold a mark: {prim['carriers']} carriers, {prim['chips']} chips, "
+                f"    can hold a mark: {prim['parts']} parts, {prim['carriers']} carriers, "
+                f"{prim['chips']} chips, "
                 f"log10 p down to {prim['reachable_log10_p']:.1f}"
             )
         else:
