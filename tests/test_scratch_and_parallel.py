@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import gc
+import pickle
+
+import numpy as np
+import pytest
+
+from meshmark.errors import InputError, UsageError
+from meshmark.parallel import JOBS_VARIABLE, default_jobs, ordered_map
+from meshmark.scratch import ScratchFile
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def fail_at_seven(x: int) -> int:
+    if x == 7:
+        raise InputError("seven is bad", source="a.usd", prim="/A", time=7.0)
+    return x
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_in_order(jobs) -> None:
+    assert list(ordered_map(square, range(20), jobs=jobs)) == [x * x for x in range(20)]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_errors_come_home_whole(jobs) -> None:
+    with pytest.raises(InputError, match=r"a\.usd: /A: frame 7: seven is bad"):
+        list(ordered_map(fail_at_seven, range(20), jobs=jobs))
+
+
+def test_jobs_from_the_environment(monkeypatch) -> None:
+    monkeypatch.setenv(JOBS_VARIABLE, "3")
+    assert default_jobs() == 3
+    for text in ("0", "-1", "many", "1.5"):
+        monkeypatch.setenv(JOBS_VARIABLE, text)
+        with pytest.raises(UsageError, match=JOBS_VARIABLE):
+            default_jobs()
+    monkeypatch.delenv(JOBS_VARIABLE)
+    assert default_jobs() >= 1
+
+
+def test_displacements_keep_their_float32_values_in_any_order() -> None:
+    rng = np.random.default_rng(0)
+    D = rng.normal(scale=1e-3, size=(5, 11, 3)).astype(np.float32)
+    scratch = ScratchFile.create(11)
+    for index in (4, 0, 2, 1, 3):
+        scratch.write(index, D[index].astype(np.float64))
+    for index in range(5):
+        np.testing.assert_array_equal(scratch.read(index), D[index])
+
+
+def test_frames_never_written_are_not_displaced() -> None:
+    scratch = ScratchFile.create(7)
+    scratch.write(4, np.zeros((7, 3)))
+    assert not scratch.read(2).any()
+
+
+def test_the_file_goes_with_its_maker_not_with_copies() -> None:
+    scratch = ScratchFile.create(3)
+    scratch.write(0, np.ones((3, 3)))
+    copy = pickle.loads(pickle.dumps(scratch))
+    np.testing.assert_array_equal(copy.read(0), np.ones((3, 3)))
+    del copy
+    gc.collect()
+    assert scratch.path.exists()
+    path = scratch.path
+    del scratch
+    gc.collect()
+    assert not path.exists()
