@@ -226,6 +226,23 @@ def test_the_skin_does_not_pass_through_itself(creature: MeshAnimation) -> None:
         assert len(mesh.get_self_intersecting_triangles()) == 0, index
 
 
+def test_shape_diameter_finds_the_same_seven_parts_in_every_pose(
+    creature: MeshAnimation, points: np.ndarray
+) -> None:
+    # Body, neck with head, tail and four legs.
+    from meshmark_plugins.segmenters import sdf
+
+    F = creature[0].faces
+    area = np.linalg.norm(face_vectors(points[0], F), axis=1)
+    labels = [sdf().segment(points[index], F) for index in (0, 6, 11, 17)]
+    assert [label.max() + 1 for label in labels] == [7, 7, 7, 7]
+    for other in labels[1:]:
+        shared = np.zeros((7, 7))
+        np.add.at(shared, (labels[0], other), area)
+        assert len(set(shared.argmax(axis=1))) == 7
+        assert shared.max(axis=1).sum() > 0.95 * area.sum()
+
+
 def test_the_stride_loops(points: np.ndarray) -> None:
     step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=2).max(axis=1)
     assert step[-1] <= step[:-1].max()
