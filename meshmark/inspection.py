@@ -10,6 +10,7 @@ from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError
 from meshmark.recipe import Recipe
+from meshmark.validation import check
 from meshmark.welding import Welding
 
 
@@ -39,6 +40,7 @@ def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:
 
 
 def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
+    check(animation)
     first = animation[0]
     entry: dict[str, Any] = {
         "prim": animation.prim,

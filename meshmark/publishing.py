@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
@@ -17,7 +18,7 @@ from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, writ
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.metrics import distortion
 from meshmark.recipe import Recipe
-from meshmark.sources import LAYER_SUFFIXES, read, write
+from meshmark.sources import LAYER_SUFFIXES, read, writer
 from meshmark.validation import check
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import verify
@@ -135,6 +136,7 @@ def publish(
     check_output(target, source, deliver)
     recipe = recipe or Recipe()
     original = read(source, prims)
+    write = writer(original, target, deliver=deliver)
     for mesh in original.meshes:
         check(mesh)
     markable, instanced = (original, ()) if deliver else split_in_place(original)
@@ -153,7 +155,7 @@ def publish(
             f"cannot deliver: {reason}; name the meshes with --prim", source=str(source), prim=prim
         )
     if not dry_run:
-        write(complete(marked), original, target, deliver=deliver)
+        write(complete(marked))
     written = (
         marked.asset if dry_run else read(target, [mesh.animation.prim for mesh in marked.meshes])
     )
@@ -241,8 +243,14 @@ def check_output(target: Path, source: str | Path, deliver: bool) -> None:
     folder = target.parent
     if not folder.is_dir():
         raise OutputError("the folder to write into does not exist", source=folder)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError("the folder cannot be written to", source=folder)
+    try:
+        # Permissions do not tell the whole truth: full and read-only disks, special folders.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be written to: {error.strerror}", source=folder
+        ) from None
     if target.is_dir() and target.suffix.lower() in LAYER_SUFFIXES:
         raise OutputError("is a folder", source=target)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from meshmark.animation import Asset
@@ -78,19 +79,22 @@ def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool =
     OutputError
         If it cannot be written; nothing half-written is left.
     """
+    writer(original, output, deliver=deliver)(marked)
+
+
+def writer(
+    original: Asset, output: str | Path, *, deliver: bool = False
+) -> Callable[[Asset], None]:
+    """Return what `write` would call with the marked asset, so that a bad output is known early.
+
+    Raises
+    ------
+    UsageError
+        If the output's kind does not fit the source.
+    """
     path = Path(output)
     if path.suffix.lower() in LAYER_SUFFIXES:
-        if original.reader != "usd":
-            from meshmark.usd.stages import write_stage
-
-            return write_stage(marked, path)
-        if deliver:
-            from meshmark.usd.delivery import write_flattened
-
-            return write_flattened(original, marked, path)
-        from meshmark.usd.writing import write_override
-
-        return write_override(original, marked, path)
+        return _layer_writer(original, path, deliver)
     if original.reader == "usd":
         raise UsageError(
             f"a USD source is written as {', '.join(LAYER_SUFFIXES)}, not to {str(output)!r}"
@@ -101,4 +105,18 @@ def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool =
             f"the {original.reader} reader cannot write to {str(output)!r}; "
             f"{', '.join(LAYER_SUFFIXES)} always can be"
         )
-    return reader.write(marked, original, path)
+    return partial(reader.write, original=original, output=path)
+
+
+def _layer_writer(original: Asset, path: Path, deliver: bool) -> Callable[[Asset], None]:
+    if original.reader != "usd":
+        from meshmark.usd.stages import write_stage
+
+        return partial(write_stage, output=path)
+    if deliver:
+        from meshmark.usd.delivery import write_flattened
+
+        return partial(write_flattened, original, output=path)
+    from meshmark.usd.writing import write_override
+
+    return partial(write_override, original, output=path)

@@ -16,6 +16,7 @@ from meshmark.marking import MeshProgress, as_asset
 from meshmark.plugins import catalogue
 from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe
 from meshmark.timeline import frames_in
+from meshmark.validation import check
 from meshmark.verdict import Verdict, decide
 
 
@@ -70,6 +71,8 @@ def gather(
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     tried = tuple(recipes) or all_schemes()
+    for animation in whole.meshes:
+        check(animation)
     items: list[Evidence] = []
     notes: list[str] = []
     for recipe in tried:

@@ -8,9 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from meshmark.animation import Asset
 from meshmark.attacking import attack_asset, write_attacked
-from meshmark.demo import creature
+from meshmark.demo import write_creature
 from meshmark.errors import OutputError
 from meshmark.keys import Key
 from meshmark.plugins import make_attack
@@ -50,8 +49,7 @@ def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterat
     except OSError as error:
         raise OutputError(f"cannot make the folder: {error.strerror}", source=folder) from None
     original, marked = folder / "creature.usdc", folder / "creature.marked.usdc"
-    animation = creature()
-    write_attacked(Asset(str(original), (animation,), "memory"), original)
+    [animation] = read(write_creature(original)).meshes
     yield (
         f"A creature of {animation[0].topology.n_points} points gallops through "
         f"{len(animation)} frames: {original}"
@@ -69,7 +67,7 @@ def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterat
         f"{found['flipped_faces']:g} faces over."
     )
     yield ""
-    yield f"{'who is asked':<34}{'verdict':<15}{'log10 p':>8}{'BER avg':>9}"
+    yield f"{'who is asked':<42}{'verdict':<15}{'log10 p':>8}{'BER avg':>9}"
     yield _row("the original, unmarked", _ask(original, key, jobs))
     yield _row("the marked copy", _ask(marked, key, jobs))
     for label, name, parameters in ATTACKS:
@@ -100,4 +98,4 @@ def _ask(source: Path, key: Key, jobs: int) -> Verdict:
 def _row(label: str, verdict: Verdict) -> str:
     errors = [prim.finding.errors.average for prim in verdict.prims]
     ber = f"{errors[0]:.3f}" if errors else "-"
-    return f"{label:<34}{verdict.verdict:<15}{verdict.log10_p:>8.1f}{ber:>9}"
+    return f"{label:<42}{verdict.verdict:<15}{verdict.log10_p:>8.1f}{ber:>9}"
