@@ -25,7 +25,9 @@ def tube(n_round: int = 24, n_along: int = 120, length: float = 10.0):
     V = (ring[None] + z[:, None, None] * [0, 0, 1]).reshape(-1, 3)
     a = (np.arange(n_along - 1)[:, None] * n_round + np.arange(n_round)).ravel()
     b = (np.arange(n_along - 1)[:, None] * n_round + (np.arange(n_round) + 1) % n_round).ravel()
-    F = np.concatenate([np.stack([a, b, a + n_round], 1), np.stack([b, b + n_round, a + n_round], 1)])
+    F = np.concatenate(
+        [np.stack([a, b, a + n_round], 1), np.stack([b, b + n_round, a + n_round], 1)]
+    )
     return V, F
 
 
@@ -68,7 +70,7 @@ def test_the_smallest_loop_is_taken() -> None:
 
 
 def test_parts_of_a_tube() -> None:
-    V, F = tube()
+    _, F = tube()
     row = np.tile(np.arange(119).repeat(24), 2)
     parts = split(F, (row >= 40).astype(np.int64) + (row >= 80), 64)
     assert len(parts) == 3

@@ -1,0 +1,212 @@
+"""Every kind of bad input: the right exit code, one clear line, and nothing written."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.cli import main
+from meshmark.keys import Key
+
+HEADER = '#usda 1.0\n(\n    defaultPrim = "A"\n)\n'
+QUAD = "int[] faceVertexCounts = [4]\n    int[] faceVertexIndices = [0, 1, 2, 3]\n"
+POINTS = "point3f[] points = [(0,0,0), (1,0,0), (1,1,0), (0,1,0)]\n"
+
+
+def mesh(body: str) -> str:
+    return f'{HEADER}def Mesh "A"\n{{\n    {body}}}\n'
+
+
+STAGES = {
+    "text that is not USD": ("this is a shopping list\n", "bad.usda"),
+    "a stage with no mesh": (f'{HEADER}def Xform "A"\n{{\n}}\n', "mesh"),
+    "a mesh with no points": (mesh(QUAD), "/A"),
+    "NaN points": (mesh(QUAD + POINTS.replace("(1,1,0)", "(nan,1,0)")), "/A"),
+    "infinite points": (mesh(QUAD + POINTS.replace("(1,1,0)", "(inf,1,0)")), "/A"),
+    "indices out of range": (mesh(QUAD.replace("3]", "7]") + POINTS), "/A"),
+    "zero faces": (
+        mesh("int[] faceVertexCounts = []\n    int[] faceVertexIndices = []\n" + POINTS),
+        "/A",
+    ),
+    "point count changing over time": (
+        mesh(
+            QUAD + "point3f[] points.timeSamples = {\n"
+            "        1: [(0,0,0), (1,0,0), (1,1,0), (0,1,0)],\n"
+            "        2: [(0,0,0), (1,0,0), (1,1,0)],\n    }\n"
+        ),
+        "/A",
+    ),
+    "a mesh too small": (mesh(QUAD + POINTS), "/A"),
+}
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in an empty folder with a key in it."""
+    monkeypatch.chdir(tmp_path)
+    Key(bytes(range(32))).save(tmp_path / "k")
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def assert_refused(result: tuple[int, str, str], code: int, *named: str) -> None:
+    found, out, err = result
+    assert found == code, err
+    assert out == ""
+    errors = [line for line in err.splitlines() if not line.startswith("warning: ")]
+    assert len(errors) == 1, err
+    assert errors[0].startswith("error: ")
+    for name in named:
+        assert name in errors[0]
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("command", ["embed", "inspect", "verify"])
+def test_bad_stages(run, tmp_path, name, command) -> None:
+    text, named = STAGES[name]
+    (tmp_path / "bad.usda").write_text(text)
+    before = sorted(tmp_path.iterdir())
+    if command == "embed":
+        result = run("embed", "bad.usda", "-o", "out.usda", "--key", "k")
+        assert_refused(result, 3, "bad.usda", named)
+    elif name == "a mesh too small":
+        # Nothing is wrong with the file: inspect foresees it, and verify finds too few chips.
+        code, _, err = run(command, "bad.usda", *(["--key", "k"] if command == "verify" else []))
+        assert code == {"inspect": 1, "verify": 4}[command], err
+    else:
+        result = run(command, "bad.usda", *(["--key", "k"] if command == "verify" else []))
+        assert_refused((result[0], "", result[2]), 3, "bad.usda", named)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_the_frame_to_blame_is_named(run, tmp_path) -> None:
+    (tmp_path / "bad.usda").write_text(STAGES["point count changing over time"][0])
+    _, _, err = run("embed", "bad.usda", "-o", "out.usda", "--key", "k")
+    assert "frame 2" in err
+
+
+def test_truncated_crate(run, tmp_path) -> None:
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.CreateNew(str(tmp_path / "whole.usdc"))
+    made = UsdGeom.Mesh.Define(stage, "/A")
+    made.GetPointsAttr().Set([(float(i), 0, 0) for i in range(500)])
+    stage.Save()
+    whole = (tmp_path / "whole.usdc").read_bytes()
+    (tmp_path / "cut.usdc").write_bytes(whole[: len(whole) // 2])
+    assert_refused(run("embed", "cut.usdc", "-o", "o.usda", "--key", "k"), 3, "cut.usdc")
+    assert not (tmp_path / "o.usda").exists()
+
+
+@pytest.mark.parametrize("source", ["gone.usdc", "gone", "gone/*.obj", "gone.glb"])
+def test_missing_source(run, source) -> None:
+    assert_refused(run("embed", source, "-o", "o.usda", "--key", "k"), 3, source)
+    assert run("verify", source, "--key", "k")[0] == 3
+    assert run("inspect", source)[0] == 3
+
+
+def test_obj_frames_with_another_topology(run, tmp_path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+    (folder / "1.obj").write_text(corners + "f 1 2 3 4\n")
+    (folder / "2.obj").write_text(corners + "f 1 2 3\nf 1 3 4\n")
+    assert_refused(run("embed", "frames", "-o", "o", "--key", "k"), 3, "frames", "connectivity")
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize("content", ["", "not a key", "meshmark-key-1\nabcd\n"])
+def test_bad_key_files(run, tmp_path, content) -> None:
+    (tmp_path / "bad").write_text(content)
+    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS))
+    assert_refused(run("embed", "a.usda", "-o", "o.usda", "--key", "bad"), 3, "bad")
+    assert_refused(run("embed", "a.usda", "-o", "o.usda", "--key", "none"), 3, "none")
+
+
+def test_a_key_others_can_read_is_used_with_a_warning(run, tmp_path) -> None:
+    (tmp_path / "k").chmod(0o644)
+    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS))
+    _, _, err = run("embed", "a.usda", "-o", "o.usda", "--key", "k")
+    assert "warning: k: this key file can be read by others" in err
+
+
+def test_outputs_that_cannot_be_written(run, tmp_path) -> None:
+    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS))
+    embed = ("embed", "a.usda", "--key", "k", "-o")
+    assert_refused(run(*embed, "gone/o.usda"), 3, "gone")
+    assert_refused(run(*embed, "k/o.usda"), 3, "k")
+    assert_refused(run(*embed, "/proc/o.usda"), 3, "/proc")
+    assert_refused(run(*embed, "a.usda"), 2, "the source itself")
+    assert_refused(run(*embed, "o.fbx"), 2, "o.fbx")
+    assert_refused(run("keygen", "k"), 3, "never overwritten")
+    assert_refused(run("keygen", "gone/k"), 3, "gone/k")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--scheme", "tsai1999"], "tsai2014"),
+        (["--segmenter", "scissors"], "sdf"),
+        (["--geodesic", "ruler"], "heat"),
+        (["--set", "bits"], "NAME=VALUE"),
+        (["--set", "colour=red"], "bits"),
+        (["--set", "sdf.rays=few"], "rays"),
+        (["--strength", "7"], "strength"),
+        (["--frames", "9"], "A:B"),
+        (["--frames", "50:60"], "50:60"),
+        (["--prim", "/B"], "/A"),
+        (["--deliver", "--frames", "1:2"], "--deliver"),
+    ],
+)
+def test_requests_that_make_no_sense(run, tmp_path, arguments, named) -> None:
+    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS))
+    assert_refused(run("embed", "a.usda", "-o", "o.usda", "--key", "k", *arguments), 2, named)
+    assert not (tmp_path / "o.usda").exists()
+
+
+def test_unknown_commands_and_missing_arguments(run) -> None:
+    assert run("mark")[0] == 2
+    assert run("embed")[0] == 2
+    assert run("verify", "a.usda", "--key", "k", "--fpr", "2")[0] == 2
+    assert_refused(run("attack", "tickle", "a.usda", "-o", "o.usda"), 2, "noise")
+    assert_refused(run("plugins", "check", "tickle"), 2, "tickle")
+
+
+def test_a_bug_is_said_to_be_one(run, monkeypatch, tmp_path) -> None:
+    from meshmark import sources
+
+    def broken(*_: object) -> Asset:
+        raise ZeroDivisionError("inside")
+
+    monkeypatch.setattr(sources, "read", broken)
+    assert_refused(run("inspect", "a.usda"), 70, "bug", "ZeroDivisionError")
+
+
+def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
+    from meshmark.attacking import write_attacked
+    from meshmark.testing.attacks import sphere
+
+    V, F = sphere(24)
+    animation = MeshAnimation.from_arrays(V, F, prim="/Ball")
+    write_attacked(Asset("ball", (animation,), "memory"), tmp_path / "ball.usdc")
+    code, out, _ = run("inspect", "ball.usdc", "--json")
+    [prim] = json.loads(out)["prims"]
+    assert code == 1
+    assert not prim["can_hold"]
+    assert "no part can hold" in prim["reason"]
+    assert_refused(run("embed", "ball.usdc", "-o", "o.usda", "--key", "k"), 3, "/Ball")
+    assert not (tmp_path / "o.usda").exists()
