@@ -12,7 +12,7 @@ from meshmark.plugin_parameters import with_defaults
 HEAT_PARAMETERS = {"t_coef": 1.0, "use_robust": True}
 
 
-def heat(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
+def make_heat(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
     """Build a `HeatSolver`; see there for the parameters.
 
     Raises
@@ -28,7 +28,7 @@ def heat(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
     return HeatSolver(V, F, **values)
 
 
-def dijkstra(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
+def make_dijkstra(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
     """Build a `DijkstraSolver`, which takes no parameters.
 
     Raises
@@ -44,7 +44,7 @@ def dijkstra(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
     return DijkstraSolver(V, F)
 
 
-def exact(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
+def make_exact(V: ArrayLike, F: ArrayLike, **parameters: Any) -> Any:
     """Build an `ExactSolver`, which takes no parameters.
 
     Raises
@@ -66,21 +66,21 @@ def meshmark_geodesic_solvers() -> list[GeodesicSolverRecord]:
     return [
         GeodesicSolverRecord(
             name="heat",
-            factory=heat,
+            factory=make_heat,
             summary="heat method, smooth and fast: about 1 % from exact",
             version="1",
             parameters=HEAT_PARAMETERS,
         ),
         GeodesicSolverRecord(
             name="dijkstra",
-            factory=dijkstra,
+            factory=make_dijkstra,
             summary="shortest paths along edges: an upper bound, up to some 10 % too long",
             version="1",
             parameters={},
         ),
         GeodesicSolverRecord(
             name="exact",
-            factory=exact,
+            factory=make_exact,
             summary="exact polyhedral distances by window propagation: slow, for reference",
             version="1",
             parameters={},

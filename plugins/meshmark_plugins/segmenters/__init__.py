@@ -17,7 +17,7 @@ SDF_PARAMETERS = {
 }
 
 
-def sdf(**parameters: Any) -> Any:
+def make_sdf(**parameters: Any) -> Any:
     """Build the segmenter by shape diameter; see `SDFSegmenter` for the parameters.
 
     Raises
@@ -37,7 +37,7 @@ def meshmark_segmenters() -> list[SegmenterRecord]:
     return [
         SegmenterRecord(
             name="sdf",
-            factory=sdf,
+            factory=make_sdf,
             summary="parts by shape diameter: ray casting, Gaussian mixture and graph cut",
             version="1",
             parameters=SDF_PARAMETERS,
