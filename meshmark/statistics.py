@@ -127,8 +127,35 @@ def log10_p_words(S: FloatArray, words: IntArray) -> FloatArray:
     n_words = words.shape[-2]
     if n_words == 1:
         return _log10_p_shared(S.sum(axis=0), words[..., 0, :])
-    log_e = mean_over_assignments(word_log_e(S, words))
-    return _markov(logsumexp(log_e, axis=-1) - np.log(len(TILTS)))
+    log_e = word_log_e(S, words)
+    alike = _log_mean(_assigned(log_e), axis=-1)
+    apart = _assigned(_mixed(log_e))
+    return _markov(np.logaddexp(alike, apart) - np.log(2.0))
+
+
+def _assigned(log_e: FloatArray) -> FloatArray:
+    """Half a bet on the order in which words were given out, half on all assignments alike.
+
+    Carriers are listed largest first, and words were given to them in that order. Where an
+    attack left the order alone, finding the words again costs a factor of two.
+    """
+    used = np.arange(min(log_e.shape[-2:]))
+    in_order = log_e[..., used, used].sum(axis=-1)
+    return np.logaddexp(in_order, mean_over_assignments(log_e)) - np.log(2.0)
+
+
+def _mixed(log_e: FloatArray) -> FloatArray:
+    """Let every carrier have a tilt of its own, or hold nothing at all, (..., C, M).
+
+    Where an attack destroyed some carriers and spared others, one tilt for all would charge
+    the lost ones' noise to the others; this way a lost carrier costs a factor of two.
+    """
+    return np.logaddexp(0.0, _log_mean(log_e, axis=-3)) - np.log(2.0)
+
+
+def _log_mean(log_e: FloatArray, axis: int) -> FloatArray:
+    mean: FloatArray = logsumexp(log_e, axis=axis) - np.log(log_e.shape[axis])
+    return mean
 
 
 def _log10_p_shared(S: FloatArray, word: IntArray) -> FloatArray:
@@ -138,8 +165,7 @@ def _log10_p_shared(S: FloatArray, word: IntArray) -> FloatArray:
     S, word = S[chips], word[..., chips]
     if chips.size <= EXACT_CHIPS:
         return exact_log10_p(S, word)
-    log_e = word_log_e(S[None], word[..., None, :])[..., 0, 0]
-    return _markov(logsumexp(log_e, axis=-1) - np.log(len(TILTS)))
+    return _markov(_log_mean(word_log_e(S[None], word[..., None, :])[..., 0, 0], axis=-1))
 
 
 def _markov(log_e: FloatArray) -> FloatArray:
@@ -194,7 +220,9 @@ def reachable_log10_p(held: NDArray[np.bool_], n_words: int) -> float:
     """
     if n_words == 1:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
-    per_carrier = np.sort(held.sum(axis=1))[::-1]
-    chips = int(per_carrier[:n_words].sum())
-    log_e = logsumexp(chips * (TILTS - log_cosh(TILTS))) - np.log(len(TILTS))
-    return float(_markov(log_e - log_assignments(len(per_carrier), n_words)))
+    # The best of keys gives the first carriers their words in order.
+    first = held[:n_words].sum(axis=1)
+    right = TILTS - log_cosh(TILTS)
+    alike = _log_mean(first.sum() * right, axis=0)
+    apart = (np.logaddexp(0.0, _log_mean(np.outer(right, first), axis=0)) - np.log(2.0)).sum()
+    return float(_markov(np.logaddexp(alike, apart) - 2.0 * np.log(2.0)))
