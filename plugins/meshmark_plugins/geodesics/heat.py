@@ -28,8 +28,8 @@ class HeatSolver:
         Triangles. Any mesh will do: components, open or non-manifold edges, slivers, unused
         vertices.
     t_coef : float
-        Time of flow in units of the squared mean edge length. Larger is smoother and further
-        from the exact distance; you will hardly need to change it.
+        Time of flow in units of the squared mean edge length. Larger is smoother and,
+        far above 1, further from the exact distance; you will hardly need to change it.
     use_robust : bool
         Use the intrinsic Delaunay Laplacian of Sharp and Crane, which slivers and non-manifold
         edges do not break. Without it set-up is a little quicker.
