@@ -119,7 +119,8 @@ def test_heat_strays_from_the_exact_distance_with_more_time():
     errors = [
         np.abs(HeatSolver(V, F, t_coef=t).distances([0])[0] - truth).mean() for t in (1, 10, 100)
     ]
-    assert errors[0] < 0.5 * errors[1] < errors[1] < errors[2]
+    assert errors[0] < errors[1] < errors[2]
+    assert errors[2] > 2.0 * errors[0]
 
 
 def test_heat_crosses_edges_and_vertices_that_are_not_manifold():

@@ -1,0 +1,450 @@
+"""The segmenter by shape diameter: the suite of every segmenter, and each of its steps."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meshmark.errors import InputError, UsageError
+from meshmark.testing.invariance import moved, reordered
+from meshmark.testing.meshes import cylinder, dumbbell, icosphere, plane, revolution, side_by_side
+from meshmark.testing.segmenters import SegmenterSuite, agreement, area_of, lopsided
+from meshmark.topology import face_adjacency, face_components
+from meshmark_plugins.segmenters import SDF_PARAMETERS, meshmark_segmenters
+from meshmark_plugins.segmenters.sdf import SDFSegmenter, shape_diameter
+from meshmark_plugins.segmenters.sdf.creases import cut_costs
+from meshmark_plugins.segmenters.sdf.cut import expand
+from meshmark_plugins.segmenters.sdf.diameter import cone
+from meshmark_plugins.segmenters.sdf.dual import DualGraph
+from meshmark_plugins.segmenters.sdf.mixture import Mixture
+from meshmark_plugins.segmenters.sdf.parts import parts_of
+from meshmark_plugins.segmenters.sdf.smoothing import diffuse
+
+
+class TestSDFSegmenter(SegmenterSuite):
+    @pytest.fixture
+    def segmenter(self):
+        return meshmark_segmenters()[0].factory()
+
+
+class TestThreeLevels(SegmenterSuite):
+    @pytest.fixture
+    def segmenter(self):
+        return SDFSegmenter(clusters=3, covariance="full")
+
+
+# Rays
+
+
+@pytest.mark.parametrize(("wanted", "got"), [(1, 1), (2, 7), (7, 7), (25, 25), (26, 31)])
+def test_cone_has_an_axis_and_whole_rings(wanted, got):
+    angle, azimuth = cone(120.0, wanted)
+    assert len(angle) == len(azimuth) == got
+    assert angle[0] == 0.0
+    assert np.all(angle < np.pi / 3)
+
+
+def test_cone_is_even_in_solid_angle():
+    angle, _ = cone(120.0, 601)
+    # Within any smaller cone there are as many rays as its share of the spherical cap.
+    for part in (20.0, 40.0, 60.0, 90.0):
+        share = (1.0 - np.cos(np.radians(part / 2.0))) / (1.0 - np.cos(np.pi / 3.0))
+        assert np.mean(angle < np.radians(part / 2.0)) == pytest.approx(share, abs=0.01)
+
+
+# Diameters
+
+
+def test_diameter_along_the_axis_of_a_sphere():
+    V, F = icosphere(4, radius=3.0)
+    np.testing.assert_allclose(shape_diameter(V, F, rays=1), 6.0, rtol=3e-3)
+
+
+def test_diameter_of_a_sphere_is_the_mean_of_its_chords():
+    V, F = icosphere(4)
+    diameter = shape_diameter(V, F, cone_angle=60.0, rays=25)
+    angle, _ = cone(60.0, 25)
+    # A chord at angle a from the inward normal has length 2 cos a.
+    chord = 2.0 * np.cos(angle)
+    near = np.abs(chord - np.median(chord)) <= np.std(chord)
+    weight = 1.0 / np.maximum(angle, angle[1] / 2.0)
+    np.testing.assert_allclose(diameter, np.average(chord[near], weights=weight[near]), rtol=5e-3)
+
+
+def test_diameter_along_the_axis_of_a_cylinder():
+    V, F = cylinder(64, 40, radius=0.5, height=10.0)
+    diameter = shape_diameter(V, F, rays=1)
+    centroid = V[F].mean(axis=1)
+    side = np.hypot(centroid[:, 0], centroid[:, 1]) > 0.49
+    np.testing.assert_allclose(diameter[side], 1.0, rtol=5e-3)
+    np.testing.assert_allclose(diameter[~side & (centroid[:, 2] % 10.0 == 0.0)], 10.0, rtol=1e-4)
+
+
+def test_diameter_does_not_know_how_long_a_cylinder_is():
+    short, long = (
+        shape_diameter(*cylinder(48, n, radius=1.0, height=h)) for n, h in ((41, 20.0), (81, 40.0))
+    )
+    middle = [d[len(d) // 2 - 48 : len(d) // 2 + 48] for d in (short, long)]
+    np.testing.assert_allclose(middle[0].mean(), middle[1].mean(), rtol=0.01)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_diameter_scales_and_turns_with_the_mesh(scale):
+    V, F = lopsided()
+    diameter = shape_diameter(V, F)
+    again = shape_diameter(moved(V, scale, np.random.default_rng(0)), F) / scale
+    # A ray that grazes an edge may fall to either side of it.
+    assert np.quantile(np.abs(again - diameter), 0.99) < 1e-4
+    assert np.abs(again - diameter).mean() < 1e-3
+
+
+def test_diameter_does_not_depend_on_order():
+    V, F = lopsided()
+    other = reordered(V, F, np.random.default_rng(5))
+    difference = np.abs(shape_diameter(other.V, other.F) - shape_diameter(V, F)[other.face])
+    assert np.quantile(difference, 0.99) < 1e-4
+
+
+def test_diameter_of_a_mesh_that_is_inside_out():
+    V, F = lopsided()
+    # Corners reversed, the faces' frames are mirrored: the rays are others of the same cone.
+    np.testing.assert_allclose(
+        shape_diameter(V, F[:, ::-1]).mean(), shape_diameter(V, F).mean(), rtol=0.01
+    )
+
+
+def test_diameter_of_faces_without_area_is_their_neighbours():
+    V, F = cylinder(32, 20)
+    squashed = V.copy()
+    flat = 300
+    squashed[F[flat, 1]] = squashed[F[flat, 0]]
+    diameter = shape_diameter(squashed, F)
+    assert np.all(np.isfinite(diameter))
+    pairs, _ = face_adjacency(F)
+    beside = pairs[(pairs == flat).any(axis=1)]
+    around = diameter[beside[beside != flat]]
+    assert around.min() - 1e-9 <= diameter[flat] <= around.max() + 1e-9
+
+
+def test_diameter_is_nan_only_where_a_whole_component_has_none():
+    V, F = side_by_side(icosphere(2), (plane(4)[0] + 7.0, plane(4)[1]))
+    diameter = shape_diameter(V, F)
+    np.testing.assert_array_equal(np.isnan(diameter), np.arange(len(F)) >= 320)
+
+
+def test_diameter_looks_past_nothing_at_inner_faces():
+    # A ball inside a ball, both facing outwards: the inner skin is no far side.
+    V, F = side_by_side(icosphere(3), icosphere(2, radius=0.3))
+    diameter = shape_diameter(V, F)
+    outer = diameter[: 20 * 4**3]
+    assert np.all(outer > 0.6)
+    assert np.all(diameter[20 * 4**3 :] < 0.6)
+
+
+# Smoothing
+
+
+def test_diffusion_keeps_constants_and_the_mean():
+    V, F = lopsided()
+    dual = DualGraph.of(V, F)
+    x = np.random.default_rng(0).normal(size=(len(F), 1))
+    smooth = diffuse(np.hstack([x, np.ones_like(x)]), dual, 1e-3)
+    np.testing.assert_allclose(smooth[:, 1], 1.0, rtol=1e-9)
+    big = dual.area > 0.01 * np.median(dual.area)
+    assert big.all()
+    assert dual.area @ smooth[:, 0] == pytest.approx(dual.area @ x[:, 0], abs=1e-9)
+    assert np.std(smooth[:, 0]) < 0.3
+
+
+def test_diffusion_damps_a_wave_at_the_rate_of_the_heat_equation():
+    # On the unit sphere L z = 2 z; one implicit step divides by 1 + 2 t, t in units of the area.
+    V, F = icosphere(4)
+    dual = DualGraph.of(V, F)
+    z = dual.centroid[:, 2:]
+    time = 0.02
+    damped = diffuse(z, dual, time)
+    rate = (dual.area @ (damped * z)) / (dual.area @ z**2)
+    assert rate[0] == pytest.approx(1.0 / (1.0 + 2.0 * time * 4.0 * np.pi), rel=0.02)
+
+
+# Mixture
+
+
+def test_mixture_finds_the_gaussians_it_was_made_of():
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.normal(0.3, 0.05, 6000), rng.normal(0.7, 0.1, 2000)])
+    fitted = Mixture.fit(np.clip(x, 0, 1), np.ones(8000), 2, tied=False)
+    np.testing.assert_allclose(fitted.mu, [0.3, 0.7], atol=0.02)
+    np.testing.assert_allclose(fitted.sigma, [0.05, 0.1], atol=0.02)
+    np.testing.assert_allclose(fitted.weight, [0.75, 0.25], atol=0.03)
+
+
+def test_mixture_counts_weight_as_it_counts_copies():
+    rng = np.random.default_rng(1)
+    x, copies = rng.random(500), rng.integers(1, 9, 500)
+    weighted = Mixture.fit(x, copies.astype(float), 3, tied=True)
+    repeated = Mixture.fit(np.repeat(x, copies), np.ones(copies.sum()), 3, tied=True)
+    np.testing.assert_allclose(weighted.mu, repeated.mu, rtol=1e-6)
+    assert np.ptp(weighted.sigma) == 0.0
+
+
+def test_mixture_finds_a_small_cluster_beside_a_large_one():
+    x = np.concatenate([np.full(950, 0.9), np.full(50, 0.3)])
+    fitted = Mixture.fit(x, np.ones(1000), 2, tied=True)
+    np.testing.assert_allclose(fitted.mu, [0.3, 0.9], atol=2e-3)
+
+
+def test_posterior_beyond_the_outermost_means_stays_with_them():
+    narrow = Mixture(np.array([0.5, 0.5]), np.array([0.3, 0.8]), np.array([0.2, 0.02]))
+    posterior = narrow.log_posterior(np.array([0.0, 0.3, 0.8, 1.0]))
+    np.testing.assert_array_equal(posterior.argmax(axis=1), [0, 0, 1, 1])
+    np.testing.assert_allclose(np.exp(posterior).sum(axis=1), 1.0)
+
+
+# Cuts
+
+
+def energies(cost, pairs, weight):
+    """Every labelling of a small graph, and its energy."""
+    n, k = cost.shape
+    for labels in itertools.product(range(k), repeat=n):
+        x = np.array(labels)
+        differ = x[pairs[:, 0]] != x[pairs[:, 1]]
+        yield cost[np.arange(n), x].sum() + weight[differ].sum(), x
+
+
+def energy(labels, cost, pairs, weight):
+    differ = labels[pairs[:, 0]] != labels[pairs[:, 1]]
+    return cost[np.arange(len(labels)), labels].sum() + weight[differ].sum()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_cut_in_two_is_the_best_of_all(seed):
+    rng = np.random.default_rng(seed)
+    cost, weight = rng.random((9, 2)), 0.5 * rng.random(16)
+    pairs = np.array([rng.choice(9, 2, replace=False) for _ in range(16)])
+    best = min(value for value, _ in energies(cost, pairs, weight))
+    assert energy(expand(cost, pairs, weight), cost, pairs, weight) == pytest.approx(best)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_cut_in_three_is_within_the_bound_and_no_expansion_helps(seed):
+    rng = np.random.default_rng(seed)
+    cost, weight = rng.random((6, 3)), 0.5 * rng.random(9)
+    pairs = np.array([rng.choice(6, 2, replace=False) for _ in range(9)])
+    labels = expand(cost, pairs, weight)
+    found = energy(labels, cost, pairs, weight)
+    by_energy = list(energies(cost, pairs, weight))
+    assert found <= 2.0 * min(value for value, _ in by_energy) + 1e-9
+    for value, x in by_energy:
+        changed = np.unique(x[x != labels])
+        if len(changed) == 1:
+            assert found <= value + 1e-7
+
+
+def test_cut_without_neighbours_takes_the_cheapest_label():
+    cost = np.random.default_rng(0).random((50, 4))
+    none = np.zeros((0, 2), dtype=np.int64)
+    np.testing.assert_array_equal(expand(cost, none, np.zeros(0)), cost.argmin(axis=1))
+
+
+def test_creases_are_cheaper_than_ridges():
+    # Two planes that meet along y = 0 at a right angle, seen as a valley and as a ridge.
+    V, F = plane(9)
+    price = {}
+    for name, sign in (("valley", 1.0), ("ridge", -1.0)):
+        bent = V - [0.5, 0.5, 0.0]
+        bent[:, 2] = sign * np.abs(bent[:, 1])
+        dual = DualGraph.of(bent, F)
+        cost = cut_costs(dual.normal, dual, 0.02) / dual.length
+        i, j = dual.pairs.T
+        across = np.abs(np.einsum("ij,ij->i", dual.normal[i], dual.normal[j])) < 0.5
+        assert across.sum() == 8
+        price[name] = cost[across]
+        np.testing.assert_allclose(cost[~across], 1.0)
+    np.testing.assert_allclose(price["ridge"], 1.0)
+    assert np.all(price["valley"] < 0.9)
+
+
+# Parts
+
+
+def test_small_regions_join_the_neighbour_they_border_most():
+    V, F = plane(11)
+    dual = DualGraph.of(V, F)
+    x, y = V[F].mean(axis=1)[:, :2].T
+    labels = (x > 0.5).astype(np.int64)
+    labels[(np.abs(x - 0.25) < 0.06) & (np.abs(y - 0.25) < 0.06)] = 2
+    parts = parts_of(labels, F, dual, 0.05)
+    np.testing.assert_array_equal(np.bincount(parts), [100, 100])
+    np.testing.assert_array_equal(np.unique(parts[x < 0.5]).size, 1)
+
+
+def test_no_part_is_small_whatever_the_labels():
+    V, F = icosphere(4)
+    dual = DualGraph.of(V, F)
+    noise = np.random.default_rng(0).integers(0, 3, len(F))
+    parts = parts_of(noise, F, dual, 0.02)
+    share = np.bincount(parts, weights=dual.area)
+    assert share.min() >= 0.02
+    assert np.all(np.diff(share) <= 1e-9)
+    assert face_components(F, parts).max() == parts.max()
+
+
+def test_a_small_island_stays_a_part():
+    V, F = side_by_side(icosphere(3), (icosphere(1)[0] * 0.02 + 3.0, icosphere(1)[1]))
+    np.testing.assert_array_equal(np.bincount(SDFSegmenter().segment(V, F)), [1280, 80])
+
+
+# All of it
+
+
+def test_dumbbell_is_cut_at_the_ends_of_its_neck():
+    V, F = dumbbell(neck=0.3, length=2.0)
+    labels = SDFSegmenter().segment(V, F)
+    assert labels.max() == 2
+    pairs, shared = face_adjacency(F)
+    loop = V[np.unique(shared[labels[pairs[:, 0]] != labels[pairs[:, 1]]])]
+    # Within two edges of where neck and balls meet, and nowhere else.
+    np.testing.assert_allclose(np.abs(loop[:, 2]), 1.0, atol=0.2)
+    np.testing.assert_allclose(np.hypot(loop[:, 0], loop[:, 1]), 0.3, atol=0.12)
+
+
+def test_smooth_bodies_of_one_thickness_are_one_part():
+    for V, F in (icosphere(4), icosphere(3, radius=1e-4)):
+        assert SDFSegmenter().segment(V, F).max() == 0
+
+
+def test_three_levels_tell_three_thicknesses():
+    # A rod that is turned down twice: radius 0.25, then 0.5, then 1.
+    z = np.linspace(0.0, 12.0, 145)
+    V, F = revolution(2.0 ** np.minimum(np.floor(z / 4.0) - 2.0, 0.0), z, 48)
+    two, three = (SDFSegmenter(clusters=k).segment(V, F) for k in (2, 3))
+    height = V[F].mean(axis=1)[:, 2]
+    area = area_of(V, F)
+    truth = np.minimum(np.floor(height / 4.0), 2.0).astype(np.int64)
+    assert agreement(truth, three, area) > 0.9
+    assert agreement(truth, two, area) < 0.9
+
+
+def test_one_level_leaves_a_mesh_whole():
+    assert SDFSegmenter(clusters=1).segment(*lopsided()).max() == 0
+
+
+def test_price_decides_how_much_is_cut():
+    V, F = lopsided()
+    parts = [SDFSegmenter(smoothness=s).segment(V, F).max() + 1 for s in (0.1, 10.0)]
+    assert parts == [3, 1]
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([5e-4, 1e-3]))
+def test_parts_survive_noise(seed, amplitude):
+    V, F = lopsided()
+    reach = np.linalg.norm(V - V.mean(axis=0), axis=1).mean()
+    noise = np.random.default_rng(seed).uniform(-1.0, 1.0, V.shape) * amplitude * reach
+    labels = SDFSegmenter().segment(V, F)
+    assert agreement(labels, SDFSegmenter().segment(V + noise, F), area_of(V, F)) > 0.98
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("cone_angle", 0.0),
+        ("cone_angle", 180.0),
+        ("cone_angle", "wide"),
+        ("rays", 0),
+        ("rays", 2.5),
+        ("clusters", 0),
+        ("smoothness", -1.0),
+        ("smoothness", np.nan),
+        ("min_area", 1.0),
+        ("covariance", "diag"),
+    ],
+)
+def test_names_the_parameter_it_refuses(parameter, value):
+    with pytest.raises(UsageError, match=parameter):
+        meshmark_segmenters()[0].factory(**{parameter: value})
+
+
+def test_names_the_parameters_it_takes():
+    with pytest.raises(UsageError, match=r"'beams'.*clusters.*smoothness"):
+        meshmark_segmenters()[0].factory(beams=25)
+
+
+def test_record_lists_the_defaults():
+    assert SDFSegmenter(**SDF_PARAMETERS) == SDFSegmenter()
+
+
+@pytest.mark.parametrize(
+    ("V", "F", "message"),
+    [
+        (np.zeros((3, 2)), [[0, 1, 2]], r"shape \(N, 3\)"),
+        (np.zeros((3, 3)), np.zeros((0, 3), dtype=int), "no faces"),
+        (np.full((3, 3), np.inf), [[0, 1, 2]], "not finite"),
+        (np.zeros((3, 3)), [[0, 1, 7]], "7 is out of range"),
+    ],
+)
+def test_refuses_what_is_no_mesh(V, F, message):
+    with pytest.raises(InputError, match=message):
+        SDFSegmenter().segment(V, F)
+    with pytest.raises(InputError, match=message):
+        shape_diameter(V, F)
+
+
+def test_mesh_of_coincident_points_is_one_part():
+    V, F = icosphere(1)
+    np.testing.assert_array_equal(SDFSegmenter().segment(0.0 * V, F), 0)
+
+
+# Real input
+
+
+def gallop(data_folder: Path, name: str, prim: str, times: list[float]):
+    """Points at some times (T, N, 3), and triangles, of an animation."""
+    usd = pytest.importorskip("pxr.Usd")
+    geom = pytest.importorskip("pxr.UsdGeom")
+    path = data_folder / name
+    if not path.is_file():
+        pytest.skip(f"{name} is not among the reference assets")
+    stage = usd.Stage.Open(str(path))
+    mesh = geom.Mesh(stage.GetPrimAtPath(prim))
+    points = np.array([np.asarray(mesh.GetPointsAttr().Get(t), dtype=float) for t in times])
+    faces = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(), dtype=np.int64).reshape(-1, 3)
+    return points, faces
+
+
+@pytest.fixture(scope="module")
+def horse(data_folder):
+    return gallop(data_folder, "horse-gallop.usdc", "/Horse/Geom/body", [1, 13, 25, 37])
+
+
+def test_horse_has_the_same_seven_parts_in_every_pose(horse):
+    points, F = horse
+    labels = [SDFSegmenter().segment(V, F) for V in points]
+    area = area_of(points[0], F)
+    for other in labels:
+        # Body, neck and head, tail, four legs.
+        assert other.max() + 1 == 7
+        assert agreement(labels[0], other, area) > 0.95
+
+
+def test_horse_keeps_its_parts_when_it_is_rounded_and_shaken(horse):
+    points, F = horse
+    V, area = points[0], area_of(points[0], F)
+    labels = SDFSegmenter().segment(V, F)
+    step = np.ptp(V, axis=0) / 2**10
+    reach = np.linalg.norm(V - V.mean(axis=0), axis=1).mean()
+    noise = np.random.default_rng(0).uniform(-1.0, 1.0, V.shape) * 1e-3 * reach
+    for attacked in (np.round(V / step) * step, V + noise):
+        assert agreement(labels, SDFSegmenter().segment(attacked, F), area) > 0.985
