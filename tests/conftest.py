@@ -14,6 +14,9 @@ from meshmark.demo import creature as build_creature
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
+# A distribution of its own; test_third_party_plugin.py installs it and runs its tests.
+collect_ignore = ["third_party_segmenter"]
+
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:

@@ -27,7 +27,7 @@ class Halves:
         middle = (a + b + c) / 3.0
         x = middle - np.average(middle, axis=0, weights=area)
         variance, axes = np.linalg.eigh((x.T * area) @ x / area.sum())
-        t = x @ axes[:, -1] / np.sqrt(variance[-1])
+        t = x @ axes[:, -1] / np.sqrt(max(variance[-1], np.finfo(np.float64).tiny))
         # An eigenvector has no sign of its own; the longer tail decides.
         t = t if np.sum(area * t**3) >= 0 else -t
         # Every part must hang together, and its number may not depend on the order of faces.

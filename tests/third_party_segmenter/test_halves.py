@@ -1,0 +1,10 @@
+import pytest
+from meshmark_halves import Halves
+
+from meshmark.testing.segmenters import SegmenterSuite
+
+
+class TestHalves(SegmenterSuite):
+    @pytest.fixture
+    def segmenter(self):
+        return Halves()
