@@ -13,7 +13,7 @@ import pytest
 REPOSITORY = Path(__file__).parent.parent
 CORE = REPOSITORY / "meshmark"
 PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
-HEAVY = ("pxr", "open3d", "sklearn", "potpourri3d", "pygeodesic", "ortools", "matplotlib")
+HEAVY = ("pxr", "open3d", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")
 # The door is where open3d is imported, by name; nobody else does it.
 DOOR = CORE / "open3d_door.py"
 
