@@ -204,6 +204,15 @@ def test_every_command_and_flag_is_described_and_no_other() -> None:
     assert set(re.findall(r"(?<![\w-])--[a-z]+(?:-[a-z]+)*", page)) <= known
 
 
+def test_every_environment_variable_is_described_and_no_other() -> None:
+    name = re.compile(r"MESHMARK_[A-Z]+(?:_[A-Z]+)*")
+    code = [*(REPOSITORY / "meshmark").rglob("*.py"), *(REPOSITORY / "tests").glob("*.py")]
+    read = {found for path in code for found in name.findall(path.read_text(encoding="utf-8"))}
+    page = (REPOSITORY / "docs" / "environment.md").read_text(encoding="utf-8")
+    assert "MESHMARK_JOBS" in read
+    assert set(name.findall(page)) == read
+
+
 def test_expected_output_is_really_compared() -> None:
     assert appears("a ... c", "x a  b\nc y")
     assert not appears("a ... d", "x a  b\nc y")
