@@ -203,7 +203,8 @@ def mark(frame: Frame, plan: Plan) -> FloatArray:
         reference, marked = plan.reference
         if np.array_equal(frame.points, reference.points):
             return marked.points
-        return plan.scheme.carry(frame, plan.layout, reference, marked, plan.words)
+        points = plan.scheme.carry(frame, plan.layout, reference, marked, plan.words)
+        return restrain(frame.points, points, frame.faces)
     return drive(frame, plan)
 
 

@@ -156,9 +156,7 @@ def publish(
         )
     if not dry_run:
         write(complete(marked))
-    written = (
-        marked.asset if dry_run else read(target, [mesh.animation.prim for mesh in marked.meshes])
-    )
+    written = marked.asset if dry_run else reread(marked, target)
     verdict = verify(
         written,
         key,
@@ -224,6 +222,23 @@ def complete(marked: MarkedAsset) -> Asset:
     by_prim = {mesh.original.prim: mesh.animation for mesh in marked.meshes}
     meshes = tuple(by_prim.get(mesh.prim, mesh) for mesh in marked.original.meshes)
     return replace(marked.original, meshes=meshes)
+
+
+def reread(marked: MarkedAsset, target: Path) -> Asset:
+    """Read the marked meshes from where they were written, under the names they came with.
+
+    A source that is no stage may hold names that are no prim paths: its meshes are written in
+    order, and found again by it.
+    """
+    prims = [mesh.animation.prim for mesh in marked.meshes]
+    if marked.original.reader == "usd":
+        return read(target, prims)
+    asset = read(target)
+    named = [
+        replace(written, prim=source.prim)
+        for written, source in zip(asset.meshes, marked.original.meshes, strict=True)
+    ]
+    return replace(asset, meshes=tuple(mesh for mesh in named if mesh.prim in prims))
 
 
 def check_output(target: Path, source: str | Path, deliver: bool) -> None:
