@@ -230,11 +230,11 @@ def test_shape_diameter_finds_the_same_seven_parts_in_every_pose(
     creature: MeshAnimation, points: np.ndarray
 ) -> None:
     # Body, neck with head, tail and four legs.
-    from meshmark_plugins.segmenters import sdf
+    from meshmark.plugins import make_segmenter
 
     F = creature[0].faces
     area = np.linalg.norm(face_vectors(points[0], F), axis=1)
-    labels = [sdf().segment(points[index], F) for index in (0, 6, 11, 17)]
+    labels = [make_segmenter("sdf").segment(points[index], F) for index in (0, 6, 11, 17)]
     assert [label.max() + 1 for label in labels] == [7, 7, 7, 7]
     for other in labels[1:]:
         shared = np.zeros((7, 7))
