@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -70,7 +72,9 @@ class HeatSolver:
         self.t_coef, self.use_robust = float(t_coef), bool(use_robust)
         points, faces = mesh_arrays(V, F)
         self._n = len(points)
-        self._components = ComponentSolvers(points, faces, self._build)
+        # Not a method of this object: a cycle would keep the factors alive long after it.
+        build = partial(_build, t_coef=self.t_coef, use_robust=self.use_robust)
+        self._components = ComponentSolvers(points, faces, build)
 
     def distances(self, sources: ArrayLike) -> FloatArray:
         """Measure the distance along the surface from each source to every vertex.
@@ -94,23 +98,24 @@ class HeatSolver:
         """
         return self._components.distances(source_indices(sources, self._n))
 
-    def _build(self, V: FloatArray, F: IntArray) -> OneSource:
-        import potpourri3d as pp3d
 
+def _build(V: FloatArray, F: IntArray, *, t_coef: float, use_robust: bool) -> OneSource:
+    import potpourri3d as pp3d
+
+    try:
+        solver = pp3d.MeshHeatMethodDistanceSolver(V, F, t_coef, use_robust)
+    except (RuntimeError, ValueError) as error:
+        raise _failure(error) from error
+
+    def solve(source: int) -> FloatArray:
         try:
-            solver = pp3d.MeshHeatMethodDistanceSolver(V, F, self.t_coef, self.use_robust)
-        except (RuntimeError, ValueError) as error:
+            d = np.asarray(solver.compute_distance(source), dtype=np.float64)
+        except RuntimeError as error:
             raise _failure(error) from error
+        # Rounding may put some vertex a hair nearer to the source than the source is.
+        return np.maximum(d - d[source], 0.0)
 
-        def solve(source: int) -> FloatArray:
-            try:
-                d = np.asarray(solver.compute_distance(source), dtype=np.float64)
-            except RuntimeError as error:
-                raise _failure(error) from error
-            # Rounding may put some vertex a hair nearer to the source than the source is.
-            return np.maximum(d - d[source], 0.0)
-
-        return solve
+    return solve
 
 
 def _failure(error: Exception) -> InputError:
