@@ -1,0 +1,53 @@
+"""What the benchmark scripts share: the data folder, timed commands, tables."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+PAGES = REPOSITORY / "docs" / "benchmarks"
+
+
+def data_folder() -> Path:
+    """Return the folder of the reference assets, or leave with a reason."""
+    folder = Path(os.environ.get("MESHMARK_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        sys.exit(f"reference assets are not at {folder}; set MESHMARK_DATA to their folder")
+    return folder
+
+
+@dataclass(frozen=True)
+class Run:
+    """A command that was run: exit code, wall seconds, peak memory of its largest process."""
+
+    code: int
+    seconds: float
+    peak_mb: float
+    stdout: str
+
+
+def run(*command: object, cwd: Path) -> Run:
+    """Run a command, and measure it."""
+    start = time.perf_counter()
+    with (cwd / "stdout").open("w+") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "meshmark", *map(str, command)], cwd=cwd, stdout=out
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        text = out.read()
+    seconds = time.perf_counter() - start
+    return Run(process.returncode, seconds, usage.ru_maxrss / 1024, text)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Lay out a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
