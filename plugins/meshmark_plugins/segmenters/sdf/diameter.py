@@ -75,11 +75,9 @@ def shape_diameter(
     require_whole("shape_diameter", "rays", rays, 1, 10_000)
     corners, scale = unit_corners(points, faces)
     normal, area = normals_and_areas(corners)
-    if _signed_volume(corners) < -1e-6:
-        normal = -normal
+    outward = -1.0 if _signed_volume(corners) < -1e-6 else 1.0
     angle, azimuth = cone(cone_angle, rays)
-    direction = _directions(corners, -normal, angle, azimuth)
-    length = _cast(corners, normal, direction)
+    length = _cast(corners, _rays(corners, -outward * normal, angle, azimuth), outward)
     diameter = scale * _weighted_mean(length, _weights(angle), min(MIN_HITS, len(angle)))
     diameter[area <= 0.0] = np.nan
     return fill_from_neighbours(diameter, faces)
@@ -151,18 +149,18 @@ def _signed_volume(corners: FloatArray) -> float:
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
-def _directions(
+def _rays(
     corners: FloatArray, axis: FloatArray, angle: FloatArray, azimuth: FloatArray
-) -> FloatArray:
-    """Turn the cone pattern into each face's frame, (F, R, 3) float64."""
+) -> NDArray[np.float32]:
+    """Turn the cone pattern into each face's frame: origins and directions, (F, R, 6)."""
     tangent = _tangent(corners, axis)
-    bitangent = np.cross(axis, tangent)
-    directions: FloatArray = (
-        np.cos(angle)[None, :, None] * axis[:, None, :]
-        + (np.sin(angle) * np.cos(azimuth))[None, :, None] * tangent[:, None, :]
-        + (np.sin(angle) * np.sin(azimuth))[None, :, None] * bitangent[:, None, :]
-    )
-    return directions
+    frame = np.stack([axis, tangent, np.cross(axis, tangent)], axis=1)
+    sine = np.sin(angle)
+    pattern = np.stack([np.cos(angle), sine * np.cos(azimuth), sine * np.sin(azimuth)], axis=1)
+    rays = np.empty((len(corners), len(angle), 6), dtype=np.float32)
+    rays[..., 3:] = pattern.astype(np.float32) @ frame.astype(np.float32)
+    rays[..., :3] = corners.mean(axis=1)[:, None].astype(np.float32) + LIFT * rays[..., 3:]
+    return rays
 
 
 def _tangent(corners: FloatArray, axis: FloatArray) -> FloatArray:
@@ -184,26 +182,22 @@ def _tangent(corners: FloatArray, axis: FloatArray) -> FloatArray:
     return tangent
 
 
-def _cast(corners: FloatArray, normal: FloatArray, direction: FloatArray) -> FloatArray:
-    """Length of each ray to where it leaves the volume, (F, R) float64; NaN for a miss."""
+def _cast(corners: FloatArray, rays: NDArray[np.float32], outward: float) -> FloatArray:
+    """Length of each ray to where it leaves the volume, (F, R) float64; NaN for a miss.
+
+    `outward` is 1 if the corners run counter-clockwise as seen from outside, else -1.
+    """
     o3d = load_open3d()
     scene = o3d.t.geometry.RaycastingScene()
     soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
     scene.add_triangles(
         o3d.core.Tensor(corners.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(soup)
     )
-    origin = corners.mean(axis=1)[:, None, :] + LIFT * direction
-    rays = np.concatenate([origin, direction], axis=-1, dtype=np.float32, casting="same_kind")
-    hits = scene.cast_rays(o3d.core.Tensor(rays.reshape(-1, 6)))
-    length: FloatArray = (
-        hits["t_hit"].numpy().astype(np.float64).reshape(direction.shape[:2]) + LIFT
-    )
-    face = hits["primitive_ids"].numpy().reshape(direction.shape[:2])
-    missed = ~np.isfinite(length)
-    face = np.where(missed, 0, face).astype(np.int64)
+    hits = scene.cast_rays(o3d.core.Tensor(rays))
+    length: FloatArray = hits["t_hit"].numpy().astype(np.float64) + LIFT
     # Inner faces are met from outside; a true exit leaves through the front of its face.
-    entering = np.einsum("ijk,ijk->ij", normal[face], direction) <= 0.0
-    length[missed | entering] = np.nan
+    slope = np.einsum("ijk,ijk->ij", hits["primitive_normals"].numpy(), rays[..., 3:])
+    length[~np.isfinite(length) | (outward * slope <= 0.0)] = np.nan
     return length
 
 
