@@ -20,6 +20,7 @@ from meshmark.verdict import Verdict
 from meshmark.verification import verify
 
 SEED = 1
+FRAMES = 24
 ATTACKS: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("noisy", "noise", {"amplitude": 0.001}),
     ("cropped", "cropping", {"share": 0.1}),
@@ -49,7 +50,7 @@ def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterat
     except OSError as error:
         raise OutputError(f"cannot make the folder: {error.strerror}", source=folder) from None
     original, marked = folder / "creature.usdc", folder / "creature.marked.usdc"
-    [animation] = read(write_creature(original)).meshes
+    [animation] = read(write_creature(original, frames=FRAMES)).meshes
     yield (
         f"A creature of {animation[0].topology.n_points} points gallops through "
         f"{len(animation)} frames: {original}"

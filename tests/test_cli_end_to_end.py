@@ -1,0 +1,249 @@
+"""The whole way through the command line, on the creature: mark, look, leak, verify."""
+
+from __future__ import annotations
+
+import json
+import stat
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from meshmark import read
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.attacking import write_attacked
+from meshmark.cli import main
+from meshmark.keys import Key
+from meshmark.plugins import make_reader
+from meshmark.resources import schema_folder
+
+PRIM = "/Creature/Geom/body"
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory, creature: MeshAnimation) -> Path:
+    """Return a folder with three frames of the creature, a key, and a marked layer."""
+    folder = tmp_path_factory.mktemp("studio")
+    short = creature.select([0, 8, 16])
+    write_attacked(Asset("creature", (short,), "memory"), folder / "creature.usdc")
+    Key(bytes(range(32))).save(folder / "k")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        code = command(patch, "embed", "creature.usdc", "-o", "marked.usda", "--key", "k")
+    assert code == 0
+    return folder
+
+
+def command(patch: pytest.MonkeyPatch, *arguments: object) -> int:
+    patch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
+    patch.setenv("MESHMARK_JOBS", "1")
+    try:
+        main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture
+def run(studio, monkeypatch, capsys):
+    """Run the command line in the studio's folder."""
+    monkeypatch.chdir(studio)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = command(monkeypatch, *arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def validate(document: object, name: str) -> None:
+    schema = json.loads((schema_folder("json") / f"{name}.schema.json").read_text())
+    jsonschema.validate(document, schema)
+
+
+def test_keygen(run, tmp_path) -> None:
+    code, out, err = run("keygen", tmp_path / "new.key")
+    assert (code, out) == (0, "")
+    assert Key.load(tmp_path / "new.key").id in err
+    assert Key.load(tmp_path / "new.key").secret.hex() not in err
+    assert stat.S_IMODE((tmp_path / "new.key").stat().st_mode) == 0o600
+
+
+def test_inspect_foresees(run) -> None:
+    code, out, _ = run("inspect", "creature.usdc", "--json")
+    document = json.loads(out)
+    validate(document, "inspect")
+    [prim] = document["prims"]
+    assert code == 0
+    assert (prim["prim"], prim["frames"], prim["points"]) == (PRIM, 3, 7014)
+    assert prim["can_hold"]
+    assert prim["parts"] >= 6
+    assert prim["reachable_log10_p"] < -6
+
+
+def test_the_marked_layer_holds_nothing_but_what_changed(studio) -> None:
+    layer = Sdf.Layer.FindOrOpen(str(studio / "marked.usda"))
+    specs: list[Sdf.Spec] = []
+    layer.Traverse("/", lambda path: specs.append(layer.GetObjectAtPath(path)))
+    prims = [spec for spec in specs if isinstance(spec, Sdf.PrimSpec) and spec.path != "/"]
+    assert {spec.specifier for spec in prims} == {Sdf.SpecifierOver}
+    attributes = [spec.path for spec in specs if isinstance(spec, Sdf.AttributeSpec)]
+    assert sorted(map(str, attributes)) == [f"{PRIM}.extent", f"{PRIM}.points"]
+    assert layer.ListTimeSamplesForPath(f"{PRIM}.points") == [1.0, 9.0, 17.0]
+    assert list(layer.subLayerPaths) == ["./creature.usdc"]
+
+
+def test_the_composed_points_differ_and_nothing_else(studio) -> None:
+    stages = [Usd.Stage.Open(str(studio / name)) for name in ("creature.usdc", "marked.usda")]
+    before, after = (UsdGeom.Mesh(stage.GetPrimAtPath(PRIM)) for stage in stages)
+    for time in (1.0, 9.0, 17.0):
+        old = np.asarray(before.GetPointsAttr().Get(time))
+        new = np.asarray(after.GetPointsAttr().Get(time))
+        assert old.shape == new.shape
+        assert (old != new).any(axis=1).sum() > 1000
+    for name in ("faceVertexCounts", "faceVertexIndices", "subdivisionScheme"):
+        assert before.GetPrim().GetAttribute(name).Get() == after.GetPrim().GetAttribute(name).Get()
+
+
+def test_the_manifest(run, studio) -> None:
+    document = json.loads((studio / "marked.usda.meshmark.json").read_text())
+    validate(document, "manifest")
+    key = Key.load(studio / "k")
+    assert document["key_id"] == key.id
+    assert key.secret.hex() not in json.dumps(document)
+    assert document["plugins"]["segmenter"]["parameters"]["rays"] == 25
+    assert document["verification"]["verdict"] == "marked"
+    [prim] = document["prims"]
+    assert prim["distortion"]["flipped_faces"] == 0
+    assert 0 < prim["distortion"]["mrms_rel"] < 1e-3
+
+
+def test_verify(run) -> None:
+    code, out, err = run("verify", "marked.usda", "creature.usdc", "--key", "k", "--json")
+    assert code == 1
+    document = json.loads(out)
+    validate(document, "verdict")
+    marked, unmarked = document["assets"]
+    assert (marked["verdict"], unmarked["verdict"]) == ("marked", "not marked")
+    assert marked["log10_p"] <= -6 < -2 < unmarked["log10_p"]
+    assert marked["prims"][0]["ber"]["max"] <= 0.125
+    assert len(marked["prims"][0]["per_frame"]) == 3
+    assert "marked.usda: marked" in err
+    assert run("verify", "marked.usda", "--key", "k")[0] == 0
+
+
+def test_a_wrong_key_finds_nothing(run, tmp_path) -> None:
+    Key(bytes(32)).save(tmp_path / "wrong")
+    assert run("verify", "marked.usda", "--key", tmp_path / "wrong", "--scheme", "tsai2014")[0] == 1
+
+
+def test_sixteen_shared_bits_as_published(run) -> None:
+    shared = ("--scheme", "tsai2014", "--set", "words=1")
+    code, _, err = run("embed", "creature.usdc", "-o", "shared.usdc", "--key", "k", *shared)
+    assert code == 0
+    assert "inconclusive at 1e-06" in err
+    assert run("verify", "shared.usdc", "--key", "k", *shared)[0] == 4
+    assert run("verify", "shared.usdc", "--key", "k", *shared, "--fpr", "1e-4")[0] == 0
+
+
+def test_a_recipient_is_named(run) -> None:
+    embed = ("embed", "creature.usdc", "--key", "k", "-o", "east.usdc", "--recipient", "east")
+    assert run(*embed, "--frames", "1:9")[0] == 0
+    asked = ("verify", "east.usdc", "--key", "k", "--frames", "1:9", "--json")
+    code, out, _ = run(*asked, "--recipient", "west", "--recipient", "east")
+    assert code == 0
+    assert json.loads(out)["assets"][0]["recipient"] == "east"
+    assert run(*asked)[0] == 1
+
+
+def test_deliver_leaves_no_unmarked_point(run, studio) -> None:
+    assert run("embed", "creature.usdc", "-o", "sent.usdc", "--key", "k", "--deliver")[0] == 0
+    sent = Sdf.Layer.FindOrOpen(str(studio / "sent.usdc"))
+    assert not sent.subLayerPaths
+    stage = Usd.Stage.Open(str(studio / "creature.usdc"))
+    source = UsdGeom.Mesh(stage.GetPrimAtPath(PRIM))
+    unmarked = {np.asarray(source.GetPointsAttr().Get(time)).tobytes() for time in (1.0, 9.0, 17.0)}
+    points = f"{PRIM}.points"
+    arrays = [sent.QueryTimeSample(points, time) for time in sent.ListTimeSamplesForPath(points)]
+    default = sent.GetAttributeAtPath(points).default
+    arrays += [] if default is None else [default]
+    assert len(arrays) == 3
+    assert not unmarked & {np.asarray(array).tobytes() for array in arrays}
+    assert run("verify", "sent.usdc", "--key", "k")[0] == 0
+
+
+def test_a_dry_run_writes_nothing(run, studio) -> None:
+    before = sorted(studio.iterdir())
+    embed = ("embed", "creature.usdc", "-o", "dry.usda", "--key", "k", "--frames", "1:1")
+    code, out, err = run(*embed, "--dry-run", "--json")
+    assert code == 0
+    validate(json.loads(out), "manifest")
+    assert "nothing was written" in err
+    assert sorted(studio.iterdir()) == before
+
+
+def test_two_runs_are_byte_equal(run, studio) -> None:
+    for name in ("one", "two"):
+        (studio / name).mkdir()
+        embed = ("embed", "creature.usdc", "--key", "k", "--frames", "1:1")
+        assert run(*embed, "-o", f"{name}/m.usdc")[0] == 0
+    for name in ("m.usdc", "m.usdc.meshmark.json"):
+        assert (studio / "one" / name).read_bytes() == (studio / "two" / name).read_bytes()
+
+
+def test_segment_shows_the_parts(run, studio) -> None:
+    assert run("segment", "creature.usdc", "-o", "parts.usda")[0] == 0
+    stage = Usd.Stage.Open(str(studio / "parts.usda"))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath(PRIM))
+    subsets = UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, "parts")
+    assert len(subsets) == 7
+    n_faces = len(mesh.GetFaceVertexCountsAttr().Get())
+    valid, reason = UsdGeom.Subset.ValidateFamily(mesh, UsdGeom.Tokens.face, "parts")
+    assert valid, reason
+    colours = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor").Get()
+    assert len(colours) == n_faces
+    assert len(set(map(tuple, np.asarray(colours)))) == 7
+
+
+def test_a_leak_is_still_found(run) -> None:
+    attack = ("attack", "noise", "marked.usda", "-o", "leak.usdc", "-p", "amplitude=0.0005")
+    assert run(*attack, "-p", "kind=gaussian", "--seed", "3")[0] == 0
+    assert run("verify", "leak.usdc", "--key", "k")[0] == 0
+
+
+def test_obj_frames_in_and_out(run, studio, creature) -> None:
+    short = Asset("creature", (creature.select([0, 12]),), "memory")
+    make_reader("obj").write_new(short, studio / "frames")
+    assert run("embed", "frames", "-o", "frames-marked", "--key", "k")[0] == 0
+    names = sorted(path.name for path in (studio / "frames").iterdir())
+    assert sorted(path.name for path in (studio / "frames-marked").iterdir()) == names
+    assert run("verify", "frames-marked", "--key", "k")[0] == 0
+    assert run("embed", "frames", "-o", "frames.usda", "--key", "k", "--frames", "1:1")[0] == 0
+    assert len(read(studio / "frames.usda").meshes[0]) == 2
+    assert run("verify", "frames", "--key", "k")[0] == 1
+
+
+def test_plugins_are_listed_and_checked(run) -> None:
+    code, out, _ = run("plugins", "list", "--json")
+    assert code == 0
+    names = {(entry["kind"], entry["name"]) for entry in json.loads(out)["plugins"]}
+    assert {("scheme", "tsai2014"), ("segmenter", "sdf"), ("geodesic", "exact")} <= names
+    for name in ("sdf", "heat", "tsai2014", "noise", "obj"):
+        assert run("plugins", "check", name)[0] == 0, name
+
+
+def test_the_demo_tells_its_story(monkeypatch, capsys, tmp_path) -> None:
+    from meshmark.demo import story
+
+    monkeypatch.setattr(story, "FRAMES", 3)
+    assert command(monkeypatch, "demo", tmp_path / "demo") == 0
+    told = capsys.readouterr().out
+    rows = {line[:42].strip(): line[42:].split() for line in told.splitlines()}
+    assert rows["the original, unmarked"][:2] == ["not", "marked"]
+    assert rows["the marked copy"][0] == "marked"
+    assert rows["the marked copy, a wrong key"][:2] == ["not", "marked"]
+    assert sum(label.startswith("a leaked copy: ") for label in rows) == 2
