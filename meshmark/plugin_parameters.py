@@ -36,12 +36,18 @@ def with_defaults(
     return {**defaults, **given}
 
 
-def require_number(what: str, name: str, value: Any, low: float, high: float) -> None:
-    """Refuse anything but a finite number strictly between two others (which may be infinite)."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not (number and math.isfinite(value) and low < value < high):
+def require_number(
+    what: str, name: str, value: Any, low: float, high: float, *, low_allowed: bool = False
+) -> None:
+    """Refuse anything but a finite number between two others, which are themselves refused.
+
+    With `low_allowed` the lower one is not.
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not (number and low <= value < high and (low_allowed or value != low)):
+        above = "at least" if low_allowed else "above"
         raise UsageError(
-            f"{what}: {name} must be a number above {low:g} and below {high:g}, not {value!r}"
+            f"{what}: {name} must be a number {above} {low:g} and below {high:g}, not {value!r}"
         )
 
 

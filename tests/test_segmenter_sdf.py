@@ -367,6 +367,7 @@ def test_parts_survive_noise(seed, amplitude):
         ("rays", 2.5),
         ("clusters", 0),
         ("smoothness", -1.0),
+        ("smoothness", True),
         ("smoothness", np.nan),
         ("min_area", 1.0),
         ("covariance", "diag"),
@@ -380,6 +381,12 @@ def test_names_the_parameter_it_refuses(parameter, value):
 def test_names_the_parameters_it_takes():
     with pytest.raises(UsageError, match=r"'beams'.*clusters.*smoothness"):
         meshmark_segmenters()[0].factory(beams=25)
+
+
+def test_takes_the_least_price_and_the_least_area():
+    V, F = lopsided()
+    labels = SDFSegmenter(smoothness=0.0, min_area=0.0).segment(V, F)
+    assert face_components(F, labels).max() == labels.max()
 
 
 def test_record_lists_the_defaults():
@@ -448,3 +455,12 @@ def test_horse_keeps_its_parts_when_it_is_rounded_and_shaken(horse):
     noise = np.random.default_rng(0).uniform(-1.0, 1.0, V.shape) * 1e-3 * reach
     for attacked in (np.round(V / step) * step, V + noise):
         assert agreement(labels, SDFSegmenter().segment(attacked, F), area) > 0.985
+
+
+# Frozen
+
+
+def test_shares_of_the_lopsided_dumbbell():
+    V, F = lopsided()
+    share = np.bincount(SDFSegmenter().segment(V, F), weights=area_of(V, F))
+    np.testing.assert_allclose(share / share.sum(), [0.5694, 0.3013, 0.1293], atol=2e-3)

@@ -113,13 +113,12 @@ class SegmenterSuite:
 
     def test_components_do_not_share_parts(self, segmenter: Segmenter, mesh: Mesh) -> None:
         """Neither do two bodies that stand apart."""
-        V, F = mesh
+        _, F = mesh
         ball, G = icosphere(3, radius=0.6)
         both, faces = side_by_side(mesh, (ball + np.array([9.0, 0.0, 0.0]), G))
         labels = segmenter.segment(both, faces)
         assert not np.intersect1d(labels[: len(F)], labels[len(F) :]).size
         assert face_components(faces, labels).max() == labels.max()
-        assert len(V) < len(both)
 
     @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
     @pytest.mark.parametrize("seed", [1, 2])

@@ -29,8 +29,6 @@ class DualGraph:
         Faces that share an edge.
     length : (A,) float64
         Length of the shared edge.
-    scale : float
-        Length of the unit: sqrt(area).
     """
 
     area: FloatArray
@@ -38,7 +36,6 @@ class DualGraph:
     centroid: FloatArray
     pairs: IntArray
     length: FloatArray
-    scale: float
 
     @classmethod
     def of(cls, V: FloatArray, F: IntArray) -> DualGraph:
@@ -49,7 +46,7 @@ class DualGraph:
             area = np.full(len(F), 1.0 / len(F))
         pairs, shared = face_adjacency(F)
         length = np.linalg.norm(V[shared[:, 1]] - V[shared[:, 0]], axis=1) / scale
-        return cls(area, normal, corners.mean(axis=1), pairs, length, scale)
+        return cls(area, normal, corners.mean(axis=1), pairs, length)
 
     @property
     def span(self) -> FloatArray:

@@ -26,8 +26,8 @@ NAME = "segmenter sdf"
 DIFFUSION_TIME = 4e-4
 """Values blur over 2.8 % of sqrt(area): more than a noisy face, less than a limb."""
 
-LOG_GAIN = 2.0
-"""Contrast of log-normalised diameters: thin parts get more of the range than thick ones."""
+LOG_GAIN = 4.0
+"""Contrast of log-normalised diameters, as published: thin parts get more of the range."""
 
 LEAST_PROBABILITY = 1e-3
 """No face is so sure of its cluster that its neighbours cannot outvote it."""
@@ -89,8 +89,8 @@ class SDFSegmenter:
         require_number(NAME, "cone_angle", self.cone_angle, 0.0, 180.0)
         require_whole(NAME, "rays", self.rays, 1, 10_000)
         require_whole(NAME, "clusters", self.clusters, 1, 16)
-        require_number(NAME, "smoothness", self.smoothness, -1e-300, 1e6)
-        require_number(NAME, "min_area", self.min_area, -1e-300, 1.0)
+        require_number(NAME, "smoothness", self.smoothness, 0.0, 1e6, low_allowed=True)
+        require_number(NAME, "min_area", self.min_area, 0.0, 1.0, low_allowed=True)
         if self.covariance not in ("tied", "full"):
             raise UsageError(f"{NAME}: covariance must be tied or full, not {self.covariance!r}")
 
