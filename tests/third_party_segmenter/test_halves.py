@@ -1,7 +1,7 @@
 import pytest
 from meshmark_halves import Halves
 
-from meshmark.testing.segmenters import SegmenterSuite
+from meshmark.testing import SegmenterSuite
 
 
 class TestHalves(SegmenterSuite):
