@@ -43,7 +43,7 @@ def require_number(
 
     With `low_allowed` the lower one is not.
     """
-    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    number = not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
     if not (number and low <= value < high and (low_allowed or value != low)):
         above = "at least" if low_allowed else "above"
         raise UsageError(
