@@ -213,6 +213,13 @@ def test_every_environment_variable_is_described_and_no_other() -> None:
     assert set(name.findall(page)) == read
 
 
+def test_rooms_of_the_house_exist() -> None:
+    page = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rooms = re.findall(r"`((?:meshmark|plugins|schemas|benchmarks|tests)/[\w./]*)`", page)
+    assert len(rooms) > 20
+    assert not [room for room in rooms if not (REPOSITORY / room).exists()]
+
+
 def test_expected_output_is_really_compared() -> None:
     assert appears("a ... c", "x a  b\nc y")
     assert not appears("a ... d", "x a  b\nc y")

@@ -1,0 +1,74 @@
+"""A wheel holds both packages, the schemas and the entry points, and nothing else."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+import zipfile
+from configparser import ConfigParser
+from pathlib import Path
+
+import pytest
+
+from meshmark.resources import schema_folder
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    folder = tmp_path_factory.mktemp("wheel")
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", folder, REPOSITORY],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    [path] = folder.glob("meshmark-*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_both_packages_are_inside_whole(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
+    for package in (REPOSITORY / "meshmark", REPOSITORY / "plugins" / "meshmark_plugins"):
+        modules = {path.relative_to(package.parent).as_posix() for path in package.rglob("*.py")}
+        assert modules
+        assert modules <= names
+
+
+def test_schemas_are_inside(wheel: zipfile.ZipFile) -> None:
+    schemas = list(schema_folder("json").glob("*.json"))
+    assert schemas
+    for path in schemas:
+        assert wheel.read(f"meshmark/schemas/json/{path.name}") == path.read_bytes()
+
+
+def test_nothing_else_is_inside(wheel: zipfile.ZipFile) -> None:
+    tops = {name.partition("/")[0] for name in wheel.namelist()}
+    assert {top.partition("-")[0] for top in tops} == {"meshmark", "meshmark_plugins"}
+
+
+def test_type_checkers_may_look_inside(wheel: zipfile.ZipFile) -> None:
+    assert {"meshmark/py.typed", "meshmark_plugins/py.typed"} <= set(wheel.namelist())
+
+
+def test_built_ins_enter_by_the_door_of_strangers(wheel: zipfile.ZipFile) -> None:
+    [path] = [name for name in wheel.namelist() if name.endswith("entry_points.txt")]
+    found = ConfigParser()
+    found.read_string(wheel.read(path).decode())
+    assert found["console_scripts"]["meshmark"] == "meshmark.cli:main"
+    folders = {path.parent.name for path in (REPOSITORY / "plugins").glob("*/*/__init__.py")}
+    assert {entry.rpartition(".")[2] for entry in found["meshmark"].values()} == folders
+
+
+def test_every_dependency_says_from_when(wheel: zipfile.ZipFile) -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    [metadata] = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
+    text = wheel.read(metadata).decode()
+    for requirement in project["dependencies"]:
+        assert ">=" in requirement
+        assert f"Requires-Dist: {requirement.partition('>=')[0]}" in text
