@@ -90,9 +90,12 @@ class BitErrors:
     ----------
     per_frame : (T,) float64
         NaN for a frame in which no part decides enough bits.
+    best_part : (T,) int
+        The part that has it, the first of equals; -1 where no part decides enough bits.
     """
 
     per_frame: FloatArray
+    best_part: IntArray
 
     @property
     def average(self) -> float:
@@ -158,4 +161,8 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     counts = decided >= DECIDED_SHARE * K
     rate = np.where(counts, wrong.sum(axis=2) / np.maximum(decided, 1), np.inf)
     best = rate.min(axis=1, initial=np.inf)
-    return BitErrors(per_frame=np.where(np.isfinite(best), best, np.nan))
+    found = np.isfinite(best)
+    return BitErrors(
+        per_frame=np.where(found, best, np.nan),
+        best_part=np.where(found, carriers[rate.argmin(axis=1)], -1),
+    )

@@ -48,7 +48,11 @@ def write_json(document: dict[str, Any], path: Path) -> None:
     OutputError
         If the folder cannot be written to.
     """
-    text = json.dumps(document, indent=2, sort_keys=False, allow_nan=False) + "\n"
+    write_text(json.dumps(document, indent=2, sort_keys=False, allow_nan=False) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write text beside `path`, then put it in place; see `write_json`."""
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
     except OSError as error:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from meshmark.cli.attack import attack
+from meshmark.cli.bench import bench
 from meshmark.cli.demo import demo
 from meshmark.cli.embed import embed
 from meshmark.cli.inspect import inspect
@@ -41,6 +42,6 @@ def _options(
     """Mark animated meshes, and find the mark again in a leaked copy."""
 
 
-for command in (keygen, inspect, embed, verify, attack, segment, demo):
+for command in (keygen, inspect, embed, verify, attack, bench, segment, demo):
     app.command()(command)
 app.add_typer(plugins, name="plugins")

@@ -1,0 +1,261 @@
+"""The benchmark as a whole: mark every asset, run every cell once, gather the report."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from meshmark.benchmarking.copies import COLLUDER, MarkedCopy, copy_of, make_copy
+from meshmark.benchmarking.report import Outcome, document_of
+from meshmark.benchmarking.store import FORMAT, Store, code_hash, identity_hash
+from meshmark.benchmarking.subjects import Subject, count_distinct, subjects_of
+from meshmark.benchmarking.suites import Suite
+from meshmark.benchmarking.tasks import (
+    SIDES,
+    Bench,
+    CellTask,
+    DistortionTask,
+    Pairing,
+    Task,
+    failure,
+    perform,
+    subject_identity,
+)
+from meshmark.errors import MeshmarkError, PluginError
+from meshmark.keys import Key
+from meshmark.parallel import ordered_map
+from meshmark.plugins import Offer, catalogue
+from meshmark.recipe import Recipe
+from meshmark.version import __version__
+
+# Called with (stage of the work, what it is about, done, in all).
+Progress = Callable[[str, str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Place:
+    """The folder of a benchmark: results, marked copies, the public key.
+
+    A second benchmark in the same folder uses what it finds there.
+    """
+
+    folder: Path
+
+    @property
+    def results(self) -> Path:
+        """One JSON file for each finished cell."""
+        return self.folder / "cells"
+
+    @property
+    def copies(self) -> Path:
+        """The marked copies."""
+        return self.folder / "marked"
+
+    def key_file(self, seed: int) -> Path:
+        """Return the key file by which any cell can be repeated by hand."""
+        return self.folder / f"benchmark-{seed}.key"
+
+
+def benchmark_key(seed: int) -> Key:
+    """Derive the key of a seed. It is public: it marks nothing but benchmarks."""
+    return Key(hashlib.sha256(f"meshmark public benchmark key {seed}".encode()).digest())
+
+
+def run_benchmark(
+    sources: Sequence[str],
+    suite: Suite,
+    recipes: Sequence[Recipe],
+    folder: Path,
+    *,
+    frames: str | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Run a benchmark, or what is missing of it.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        Assets, as `meshmark.read` takes them.
+    suite : Suite
+        What is done to them.
+    recipes : sequence of Recipe
+        Schemes, with their parameters.
+    folder : Path
+        Where results are kept. Those already there are not computed again, so that a run that
+        was broken off goes on where it was.
+    frames : str, optional
+        Range A:B[:S] of time codes; the others are neither marked nor attacked.
+    seed : int
+        Of the key and of every attack. Two runs differ in their timings only.
+    jobs : int
+        Worker processes.
+    progress : callable, optional
+        Called with (stage, what, done, in all).
+
+    Returns
+    -------
+    dict
+        The report; its schema is `schemas/json/benchmark.schema.json`. Nothing but results is
+        written; see `meshmark.benchmarking.page`.
+
+    Raises
+    ------
+    InputError
+        If a source cannot be read. Whatever goes wrong later is part of the report.
+    UsageError
+        If no frame lies in the range.
+    OutputError
+        If the folder cannot be written to.
+    """
+    start = time.perf_counter()
+    subjects = subjects_of(sources, frames)
+    place = Place(folder)
+    bench = _bench(place, suite, recipes, seed)
+    pairings = [
+        _mark(bench, place, suite, subject, recipe, jobs, progress)
+        for subject in subjects
+        for recipe in recipes
+    ]
+    tasks = _tasks(bench, suite, pairings)
+    _perform_missing(tasks, jobs, progress)
+    return document_of(
+        suite=suite,
+        recipes=recipes,
+        subjects=[(subject, _frame_counts(subject)) for subject in subjects],
+        bench=bench,
+        outcomes=[_outcome(bench, place, suite, pairing) for pairing in pairings],
+        elapsed_s=time.perf_counter() - start,
+    )
+
+
+def _bench(place: Place, suite: Suite, recipes: Sequence[Recipe], seed: int) -> Bench:
+    store = Store(place.results)
+    Store(place.copies)
+    key = benchmark_key(seed)
+    if not place.key_file(seed).exists():
+        key.save(place.key_file(seed))
+    versions = {
+        "format": FORMAT,
+        "meshmark": __version__,
+        "code": code_hash(_offers(suite, recipes)),
+    }
+    return Bench(store, key, seed, versions)
+
+
+def _offers(suite: Suite, recipes: Sequence[Recipe]) -> list[Offer]:
+    attacks = {cell.attack for cell in suite.cells}
+    known = [offer for offer in catalogue().of_kind("attack") if offer.name in attacks]
+    return [*known, *(offer for recipe in recipes for offer in recipe.offers)]
+
+
+def _mark(
+    bench: Bench,
+    place: Place,
+    suite: Suite,
+    subject: Subject,
+    recipe: Recipe,
+    jobs: int,
+    progress: Progress | None,
+) -> Pairing:
+    recipients: list[str | None] = [None]
+    if any(cell.copy_as is not None for cell in suite.cells):
+        recipients.append(COLLUDER)
+    copies: list[MarkedCopy] = []
+    for recipient in recipients:
+        identity = copy_identity(bench, place, subject, recipe, recipient)
+        name = f"{Path(subject.asset).stem}-{recipe.scheme}-{identity_hash(identity)[:8]}.usdc"
+        path = place.copies / name
+        if not (bench.store.finished(identity) and path.exists()):
+            what = f"{subject.asset} {recipe.scheme}"
+            tell = None if progress is None else _renamed(progress, what)
+            try:
+                result = make_copy(
+                    subject, recipe, bench.key, recipient, path, jobs=jobs, progress=tell
+                )
+            except MeshmarkError as error:
+                result = failure(error, is_plugin=isinstance(error, PluginError))
+            # As for cells: a scheme of somebody else's must not end the run.
+            except Exception as error:
+                result = failure(error, is_plugin=True)
+            bench.store.save(identity, result)
+        described = bench.store.load(identity) or {}
+        if "error" in described:
+            return Pairing(subject, recipe, error=str(described["error"]))
+        copies.append(copy_of(path, subject.frames, described))
+    return Pairing(subject, recipe, tuple(copies))
+
+
+def _renamed(progress: Progress, what: str) -> Callable[[str, int, int], None]:
+    return lambda prim, done, total: progress("mark", f"{what} {prim}", done, total)
+
+
+def copy_identity(
+    bench: Bench, place: Place, subject: Subject, recipe: Recipe, recipient: str | None
+) -> dict[str, Any]:
+    """Tell what determines a marked copy."""
+    source, folder = Path(subject.source).resolve(), place.copies.resolve()
+    return {
+        "kind": "copy",
+        # A layer over its source finds it by its place.
+        "source": Path(os.path.relpath(source, folder)).as_posix(),
+        **subject_identity(bench, subject),
+        "recipe": recipe.as_json(),
+        "recipient": recipient,
+    }
+
+
+def _tasks(bench: Bench, suite: Suite, pairings: Sequence[Pairing]) -> list[Task]:
+    """List the work, the longest pieces first."""
+    able = [pairing for pairing in pairings if pairing.error is None]
+    distortions: list[Task] = [DistortionTask(bench, pairing) for pairing in able]
+    cells: list[Task] = [
+        CellTask(bench, pairing, cell, side)
+        for pairing in able
+        for cell in suite.cells
+        for side in SIDES
+    ]
+    return [*distortions, *cells]
+
+
+def _perform_missing(tasks: Sequence[Task], jobs: int, progress: Progress | None) -> None:
+    missing = {
+        identity_hash(task.identity): task
+        for task in tasks
+        if not task.bench.store.finished(task.identity)
+    }
+    done = len(tasks) - len(missing)
+    if progress is not None:
+        progress("bench", "cells", done, len(tasks))
+    for _ in ordered_map(perform, list(missing.values()), jobs=jobs):
+        done += 1
+        if progress is not None:
+            progress("bench", "cells", done, len(tasks))
+
+
+def _frame_counts(subject: Subject) -> tuple[int, int]:
+    """Count frames, and those that repeat no earlier one, of the mesh with the most frames."""
+    mesh = max(subject.load().meshes, key=len)
+    return len(mesh), count_distinct(mesh)
+
+
+def _outcome(bench: Bench, place: Place, suite: Suite, pairing: Pairing) -> Outcome:
+    owner = copy_identity(bench, place, pairing.subject, pairing.recipe, None)
+    copy = bench.store.load(owner) or {}
+    if pairing.error is not None:
+        failed = {**copy, "error": pairing.error}
+        return Outcome(pairing, failed, failed, tuple((failed, failed) for _ in suite.cells))
+    results = [
+        tuple(
+            bench.store.load(CellTask(bench, pairing, cell, side).identity) or {} for side in SIDES
+        )
+        for cell in suite.cells
+    ]
+    spent = bench.store.load(DistortionTask(bench, pairing).identity) or {}
+    return Outcome(pairing, copy, spent, tuple((one, two) for one, two in results))

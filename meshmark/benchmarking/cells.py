@@ -1,0 +1,157 @@
+"""One cell: attack a copy, store it as a file would, and verify it blindly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from meshmark.animation import Asset
+from meshmark.attacking import attack_asset
+from meshmark.benchmarking.copies import MarkedCopy
+from meshmark.benchmarking.stages import StageClock, TimedRecipe
+from meshmark.benchmarking.subjects import Subject, in_memory, select_first
+from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.json_values import number
+from meshmark.keys import Key
+from meshmark.metrics import distortion
+from meshmark.plugins import make_attack
+from meshmark.recipe import Recipe
+from meshmark.verdict import PrimVerdict, Verdict
+from meshmark.verification import gather, judge_all
+
+FPR = 1e-6
+# What an unmarked frame's best part shows by luck several times in a hundred: 3 bits of 16.
+LUCKY_BER = 0.1875
+
+
+def run_cell(
+    cell: Cell,
+    seed: int,
+    recipe: Recipe,
+    key: Key,
+    copy: Subject | MarkedCopy,
+    other: Subject | MarkedCopy | None,
+) -> dict[str, Any]:
+    """Attack a copy and verify what is left, in JSON values.
+
+    Parameters
+    ----------
+    seed : int
+        Of the attack; `meshmark attack --seed` with it repeats this very attack.
+    copy : Subject or MarkedCopy
+        The marked copy, or the unmarked asset for the control.
+    other : Subject or MarkedCopy, optional
+        The second copy, for attacks that need one.
+
+    Raises
+    ------
+    MeshmarkError
+        If the attack or the verification cannot be done.
+    """
+    clock = StageClock()
+    with clock.stage("read"):
+        asset = _loaded(copy, cell)
+        second = None if other is None else _loaded(other, cell)
+    with clock.stage("attack"):
+        attacked = in_memory(_attacked(asset, cell, seed, second), stored=True)
+    timed = TimedRecipe.of(recipe, clock)
+    with clock.stage("measure"):
+        evidence = gather(attacked, recipes=[timed])
+    with clock.stage("judge"):
+        verdict = judge_all(evidence, key, fpr=FPR)
+    return {**describe(verdict), "timings": _timings(clock)}
+
+
+def _loaded(copy: Subject | MarkedCopy, cell: Cell) -> Asset:
+    asset = copy.load()
+    return in_memory(select_first(asset) if cell.frames == "first" else asset)
+
+
+def _attacked(asset: Asset, cell: Cell, seed: int, other: Asset | None) -> Asset:
+    if cell.attack == NO_ATTACK:
+        return asset
+    make = partial(make_attack, cell.attack, **cell.parameters)
+    if cell.copy_as is None or other is None:
+        return attack_asset(asset, make(), seed)
+    pairs = zip(asset.meshes, other.meshes, strict=True)
+    meshes = [
+        attack_asset(replace(asset, meshes=(mesh,)), make(**{cell.copy_as: twin}), seed).meshes[0]
+        for mesh, twin in pairs
+    ]
+    return replace(asset, meshes=tuple(meshes))
+
+
+def _timings(clock: StageClock) -> dict[str, float]:
+    """Split measuring into segmentation, distances, and what else there is to it."""
+    spent = {name: clock.seconds.get(name, 0.0) for name in ("read", "attack")}
+    inner = {name: clock.seconds.get(name, 0.0) for name in ("segment", "distances")}
+    other = clock.seconds["measure"] - sum(inner.values()) + clock.seconds["judge"]
+    return {f"{name}_s": round(s, 4) for name, s in {**spent, **inner, "other": other}.items()}
+
+
+def describe(verdict: Verdict) -> dict[str, Any]:
+    """Put a verdict into the fields of a report's row; BER is that of the mesh that fits best."""
+    best = min(verdict.prims, key=lambda prim: prim.log10_p) if verdict.prims else None
+    row: dict[str, Any] = {
+        "ber_avg": None,
+        "ber_max": None,
+        "log10_p": verdict.log10_p,
+        "log10_p_single_frame_median": 0.0,
+        "verified": verdict.verdict == "marked",
+        "verdict": verdict.verdict,
+        "frames_measured": 0,
+        "frames_lucky": 0.0,
+        "worst": None,
+        "notes": list(verdict.notes),
+    }
+    return row if best is None else {**row, **_describe_mesh(best)}
+
+
+def _describe_mesh(prim: PrimVerdict) -> dict[str, Any]:
+    errors = prim.finding.errors
+    lucky = np.mean(errors.per_frame <= LUCKY_BER)
+    return {
+        "ber_avg": number(errors.average),
+        "ber_max": number(errors.maximum),
+        "log10_p_single_frame_median": float(np.median(prim.finding.log10_p_per_frame)),
+        "frames_measured": len(prim.times),
+        "frames_lucky": float(lucky),
+        "worst": _worst(prim),
+    }
+
+
+def _worst(prim: PrimVerdict) -> dict[str, Any] | None:
+    """Name the frame that makes BER_max, and the part that is best there all the same."""
+    errors = prim.finding.errors
+    if np.isnan(errors.per_frame).all():
+        return None
+    index = int(np.nanargmax(errors.per_frame))
+    return {
+        "prim": prim.prim,
+        "time": number(prim.times[index]),
+        "part": int(errors.best_part[index]),
+        "ber": float(errors.per_frame[index]),
+    }
+
+
+def measure_distortion(subject: Subject, copy: MarkedCopy) -> dict[str, Any]:
+    """Measure what marking did to each mesh, in JSON values."""
+    clock = StageClock()
+    with clock.stage("read"):
+        original, marked = in_memory(subject.load()), in_memory(copy.load())
+    with clock.stage("metrics"):
+        rows = [
+            {
+                "prim": mesh.prim,
+                **{
+                    name: number(value)
+                    for name, value in vars(distortion(original.mesh(mesh.prim), mesh)).items()
+                },
+            }
+            for mesh in marked.meshes
+        ]
+    timings = {f"{name}_s": round(seconds, 4) for name, seconds in clock.seconds.items()}
+    return {"rows": rows, "timings": timings}

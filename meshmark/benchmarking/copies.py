@@ -1,0 +1,111 @@
+"""Marked copies of the assets: each made once, kept as a file, found again by any process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from meshmark.animation import Asset
+from meshmark.benchmarking.subjects import Subject, select_frames
+from meshmark.keys import Key
+from meshmark.marking import embed
+from meshmark.publishing import complete, split_in_place
+from meshmark.recipe import Recipe
+from meshmark.sources import read, writer
+from meshmark.validation import check
+
+MeshProgress = Callable[[str, int, int], None]
+
+# Whose copy the second one of a collusion is.
+COLLUDER = "colluder"
+
+
+@dataclass(frozen=True)
+class MarkedCopy:
+    """A marked file, and which of its meshes are marked.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an override layer over the source, or a stage of its own.
+    prims : tuple of (str, str)
+        Path of each marked mesh in the source, and in the file.
+    frames : str or None
+        Range of time codes that is marked.
+    """
+
+    path: Path
+    prims: tuple[tuple[str, str], ...]
+    frames: str | None
+
+    def load(self) -> Asset:
+        """Read the marked frames of the marked meshes, under the source's names."""
+        asset = read(self.path, [written for _, written in self.prims])
+        named = tuple(replace(asset.mesh(written), prim=prim) for prim, written in self.prims)
+        return select_frames(replace(asset, meshes=named), self.frames)
+
+
+def make_copy(
+    subject: Subject,
+    recipe: Recipe,
+    key: Key,
+    recipient: str | None,
+    path: Path,
+    *,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> dict[str, Any]:
+    """Mark an asset, write the copy, and describe it in JSON values.
+
+    Raises
+    ------
+    MeshmarkError
+        If it cannot be read or marked.
+    """
+    start = time.perf_counter()
+    original = read(subject.source)
+    write = writer(original, path)
+    for mesh in original.meshes:
+        check(mesh)
+    markable, _ = split_in_place(original)
+    marked = embed(
+        markable,
+        key,
+        recipe=recipe,
+        recipient=recipient,
+        frames=subject.frames,
+        jobs=jobs,
+        progress=progress,
+    )
+    write(complete(marked))
+    written = _written_names(original, path)
+    return {
+        "file": path.name,
+        "prims": [[mesh.animation.prim, written[mesh.animation.prim]] for mesh in marked.meshes],
+        "skipped": [list(item) for item in marked.skipped],
+        "carriers": sum(mesh.embedded.carriers for mesh in marked.meshes),
+        "timings": {"embed_s": round(time.perf_counter() - start, 3)},
+    }
+
+
+def _written_names(original: Asset, path: Path) -> dict[str, str]:
+    """Map each mesh's path in the source to its path in the file.
+
+    A source that is no stage may hold names that are no prim paths; its meshes are written in
+    order.
+    """
+    if original.reader == "usd":
+        return {mesh.prim: mesh.prim for mesh in original.meshes}
+    written = read(path)
+    return {
+        mesh.prim: copy.prim for mesh, copy in zip(original.meshes, written.meshes, strict=True)
+    }
+
+
+def copy_of(path: Path, frames: str | None, described: dict[str, Any]) -> MarkedCopy:
+    """Return the copy that `make_copy` described."""
+    prims = tuple((str(prim), str(written)) for prim, written in described["prims"])
+    return MarkedCopy(path, prims, frames)

@@ -1,0 +1,130 @@
+"""`meshmark bench`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from meshmark.cli.console import frame_progress, put_json, say, warn
+from meshmark.cli.options import (
+    FramesOption,
+    GeodesicOption,
+    JsonOption,
+    SeedOption,
+    SegmenterOption,
+    SetOption,
+)
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER, Recipe
+
+SOME_CELL_FAILED, PLUGIN_FAILED = 1, 5
+
+
+def bench(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="SOURCE...", help="Assets to mark.", show_default=False),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the report; made if missing.")
+    ],
+    suite: Annotated[str, typer.Option(help="tsai2014, liris or animation.")],
+    schemes: Annotated[
+        list[str], typer.Option("--scheme", help="How the mark is carried; again for more.")
+    ] = [DEFAULT_SCHEME],  # noqa: B006 (typer makes a new list each time)
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    geodesic: GeodesicOption = DEFAULT_GEODESIC,
+    settings: SetOption = [],  # noqa: B006
+    attacks: Annotated[
+        list[str],
+        typer.Option(
+            "--attack",
+            metavar="NAME:PARAMETER=VALUE,...",
+            help="A cell beyond the suite's; again for more.",
+        ),
+    ] = [],  # noqa: B006
+    frames: FramesOption = None,
+    seed: SeedOption = 0,
+    json: JsonOption = False,
+) -> None:
+    """Mark every SOURCE, attack the copies, verify them blindly, and report."""
+    from meshmark.benchmarking.benchmark import run_benchmark
+    from meshmark.benchmarking.report import failures
+    from meshmark.benchmarking.suites import Suite, cell_from_text, suite_named
+    from meshmark.parallel import default_jobs
+
+    found = suite_named(suite)
+    cells = (*found.cells, *(cell_from_text(text) for text in attacks))
+    recipes = recipes_from_text(list(dict.fromkeys(schemes)), segmenter, geodesic, settings)
+    with frame_progress() as progress:
+        document = run_benchmark(
+            list(dict.fromkeys(sources)),
+            Suite(found.name, cells),
+            recipes,
+            output,
+            frames=frames,
+            seed=seed,
+            jobs=default_jobs(),
+            progress=progress,
+        )
+    _write(document, output)
+    if json:
+        put_json(document)
+    for line in failures(document):
+        warn(line)
+    _tell(document, output)
+    if code := exit_code(document):
+        raise typer.Exit(code)
+
+
+def recipes_from_text(
+    schemes: Sequence[str], segmenter: str, geodesic: str, settings: Sequence[str]
+) -> list[Recipe]:
+    """Build a recipe for each scheme; `NAME.PARAMETER=VALUE` of another scheme is not for it."""
+    from meshmark.recipe import recipe_from_text
+
+    def others(scheme: str) -> tuple[str, ...]:
+        return tuple(f"{name}." for name in schemes if name != scheme)
+
+    return [
+        recipe_from_text(
+            scheme,
+            segmenter,
+            geodesic,
+            [text for text in settings if not text.startswith(others(scheme))],
+        )
+        for scheme in schemes
+    ]
+
+
+def _write(document: dict[str, Any], folder: Path) -> None:
+    from meshmark.benchmarking.page import page_of
+    from meshmark.benchmarking.plots import ADVICE, can_plot, draw_plots
+    from meshmark.manifest import write_json, write_text
+
+    plots: list[str] = []
+    if can_plot():
+        plots = draw_plots(document, folder)
+    else:
+        warn(ADVICE)
+    write_json(document, folder / "report.json")
+    write_text(page_of(document, plots), folder / "report.md")
+
+
+def _tell(document: dict[str, Any], folder: Path) -> None:
+    rows = document["rows"]
+    found = sum(row["verified"] for row in rows)
+    control = sum(row["control"]["verified"] for row in rows)
+    say(f"{len(rows)} cells: {found} found again; {control} unmarked copies found")
+    say(f"{folder / 'report.md'}: written")
+
+
+def exit_code(document: dict[str, Any]) -> int:
+    """Return 0 if every cell ran, 5 if a plugin failed in one, else 1."""
+    from meshmark.benchmarking.report import failures
+
+    if any(row["plugin_failed"] for row in document["rows"]):
+        return PLUGIN_FAILED
+    return SOME_CELL_FAILED if failures(document) else 0
