@@ -14,11 +14,19 @@ TSAI2014_DEFAULTS: dict[str, Any] = {
     "step": 0.3,
 }
 
+CHO2007_DEFAULTS: dict[str, Any] = {"bits": 64, "strength": 0.05}
+
 
 def _tsai2014(**parameters: Any) -> Any:
     from meshmark_plugins.schemes.tsai2014.scheme import Tsai2014
 
     return Tsai2014(**parameters)
+
+
+def _cho2007(**parameters: Any) -> Any:
+    from meshmark_plugins.schemes.cho2007.scheme import Cho2007
+
+    return Cho2007(**parameters)
 
 
 @hookimpl
@@ -31,5 +39,12 @@ def meshmark_schemes() -> list[SchemeRecord]:
             summary="mean geodesic distance to the cut between parts, moves along edges",
             version="1",
             parameters=TSAI2014_DEFAULTS,
-        )
+        ),
+        SchemeRecord(
+            name="cho2007",
+            factory=_cho2007,
+            summary="distance of the vertices to their centroid, moves towards and away from it",
+            version="1",
+            parameters=CHO2007_DEFAULTS,
+        ),
     ]
