@@ -1,4 +1,4 @@
-"""Where the files shipped with the package are: the USD and JSON schemas."""
+"""Where the schemas shipped with the package are."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def schema_folder(kind: str) -> Path:
 
     Parameters
     ----------
-    kind : {"usd", "json"}
-        Which schemas.
+    kind : str
+        Folder under `schemas/`, such as "json".
 
     Raises
     ------
