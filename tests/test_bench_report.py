@@ -1,0 +1,216 @@
+"""The report: from results to rows, and from rows to a page that hides nothing worse."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from meshmark.benchmarking.benchmark import benchmark_key
+from meshmark.benchmarking.cells import describe
+from meshmark.benchmarking.page import page_of
+from meshmark.benchmarking.plots import can_plot, draw_plots
+from meshmark.benchmarking.report import Outcome, document_of, failures
+from meshmark.benchmarking.store import Store
+from meshmark.benchmarking.subjects import Subject
+from meshmark.benchmarking.suites import Cell, Suite
+from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
+from meshmark.cli.bench import exit_code
+from meshmark.evidence import Evidence
+from meshmark.recipe import Recipe
+from meshmark.resources import schema_folder
+from meshmark.verdict import decide
+
+HORSE = Subject("horse-gallop", "horse-gallop.usdc", None, (("horse-gallop.usdc", "0" * 64),))
+NOISE = Cell("noise", {"amplitude": 0.0005}, "frame", "noise 0.05 %", "noise")
+MORE = Cell("noise", {"amplitude": 0.001}, "frame", "noise 0.10 %", "noise")
+STATIC = Cell("noise", {"amplitude": 0.0005}, "frame", "noise 0.05 %", "noise", "first")
+TIMES = {"read_s": 0.1, "attack_s": 0.2, "segment_s": 0.3, "distances_s": 0.4, "other_s": 0.5}
+DISTORTION = {
+    "rows": [
+        {
+            "prim": "/Horse",
+            "hausdorff": 0.02,
+            "mrms": 0.0005,
+            "hausdorff_rel": 0.008,
+            "mrms_rel": 0.0002,
+            "flipped_faces": 0.0,
+            "max_move_edges": 1.0,
+            "flicker": 0.5,
+            "smallest_angle": 0.25,
+        }
+    ],
+    "timings": {"read_s": 0.1, "metrics_s": 2.0},
+}
+
+
+def result(average: float, maximum: float, log10_p: float = -12.0) -> dict[str, Any]:
+    return {
+        "ber_avg": average,
+        "ber_max": maximum,
+        "log10_p": log10_p,
+        "log10_p_single_frame_median": log10_p / 2,
+        "verified": log10_p <= -6,
+        "frames_lucky": 0.25,
+        "worst": {"prim": "/Horse", "time": 13.0, "part": 2, "ber": maximum},
+        "notes": [],
+        "timings": TIMES,
+    }
+
+
+UNMARKED = result(0.3, 0.4, 0.0)
+
+
+@pytest.fixture
+def document(tmp_path):
+    """Make the report of some cells' results on the horse."""
+
+    def make(*cells: tuple[Cell, dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
+        bench = Bench(Store(tmp_path / "cells"), benchmark_key(0), 0, {})
+        outcome = Outcome(
+            Pairing(HORSE, Recipe()),
+            {"timings": {"embed_s": 9.0}},
+            DISTORTION,
+            tuple((marked, control) for _, marked, control in cells),
+        )
+        made = document_of(
+            suite=Suite("tsai2014", tuple(cell for cell, _, _ in cells)),
+            recipes=[Recipe()],
+            subjects=[(HORSE, (48, 24))],
+            bench=bench,
+            outcomes=[outcome],
+            elapsed_s=60.0,
+        )
+        schema = json.loads((schema_folder("json") / "benchmark.schema.json").read_text())
+        jsonschema.Draft202012Validator.check_schema(schema)
+        jsonschema.validate(made, schema)
+        return made
+
+    return make
+
+
+def test_worse_figures_are_marked_and_traced(document) -> None:
+    page = page_of(document((NOISE, result(0.05, 0.125), UNMARKED)))
+    assert "| **0.0500 worse** | 0.0443 | 0.1250 | 0.1250 |" in page
+    assert "1 of the 1 rows" in page
+    assert "worst is frame 13, where part 2 does best with 0.1250" in page
+
+
+def test_figures_as_good_as_the_papers_are_not_marked(document) -> None:
+    page = page_of(document((NOISE, result(0.0443, 0.125), UNMARKED)))
+    assert "worse**" not in page.split("### horse-gallop, `tsai2014`")[1]
+    assert "None of the 1 rows" in page
+
+
+def test_distortion_is_compared_over_the_diagonal(document) -> None:
+    page = page_of(document((NOISE, result(0.0, 0.0), UNMARKED)))
+    assert "| **0.008000 (0.020000) worse** | 0.007246 | 0.000200 (0.000500) | 0.000451 |" in page
+    assert "smallest angle" in page
+
+
+def test_the_static_protocol_is_not_held_against_the_paper(document) -> None:
+    made = document((STATIC, result(0.5, 0.5), UNMARKED), (NOISE, result(0.5, 0.5), UNMARKED))
+    assert [row["paper"] is None for row in made["rows"]] == [True, False]
+
+
+def test_repeated_frames_are_told(document) -> None:
+    page = page_of(document((NOISE, result(0.0, 0.0), UNMARKED)))
+    assert "48 frames, of which only 24 differ" in page
+
+
+def test_an_unmarked_copy_that_is_found_cannot_be_missed(document) -> None:
+    good = page_of(document((NOISE, result(0.0, 0.0), UNMARKED)))
+    assert "Control: 0 of 1 unmarked copies found; by luck alone, 25.0%" in good
+    bad = page_of(document((NOISE, result(0.0, 0.0), result(0.0, 0.0))))
+    assert "**Control: 1 of 1 unmarked copies found" in bad
+
+
+def test_failed_cells_give_their_reason_and_the_exit_code_tells(document) -> None:
+    fine = document((NOISE, result(0.0, 0.0), UNMARKED))
+    assert exit_code(fine) == 0
+    lost = document((NOISE, result(0.4, 0.5, 0.0), UNMARKED))
+    assert exit_code(lost) == 0
+    failed = {"error": "nothing is left", "plugin": False}
+    made = document((NOISE, failed, failed), (MORE, result(0.0, 0.0), UNMARKED))
+    assert exit_code(made) == 1
+    assert failures(made) == ["horse-gallop: tsai2014: noise 0.05 % (per frame): nothing is left"]
+    assert made["rows"][0]["ber_avg"] is None
+    assert made["rows"][0]["verified"] is False
+    page = page_of(made)
+    assert "## Could not run" in page
+    assert "could not run" in page
+    assert exit_code(document((NOISE, {"error": "broken", "plugin": True}, UNMARKED))) == 5
+
+
+def test_costs_are_added_up(document) -> None:
+    page = page_of(document((NOISE, result(0, 0), UNMARKED), (MORE, result(0, 0), UNMARKED)))
+    assert "| horse-gallop | `tsai2014` | 9.0 | 2.0 | 0.4 | 0.8 | 1.2 | 1.6 | 2.0 |" in page
+
+
+def test_plots_come_one_a_family(document, tmp_path) -> None:
+    assert can_plot()
+    alone = Cell("similarity", {}, "animation", "similarity transformation", "similarity")
+    made = document(
+        (NOISE, result(0.0, 0.0), UNMARKED),
+        (MORE, result(0.1, 0.2), UNMARKED),
+        (alone, result(0.0, 0.0), UNMARKED),
+    )
+    [name] = draw_plots(made, tmp_path)
+    assert name == "noise.png"
+    first = (tmp_path / name).read_bytes()
+    assert first.startswith(b"\x89PNG")
+    draw_plots(made, tmp_path)
+    assert (tmp_path / name).read_bytes() == first
+    assert "![noise](noise.png)" in page_of(made, [name])
+
+
+def test_attacks_are_seeded_by_what_they_do_not_by_where_they_stand(tmp_path) -> None:
+    def seed(of: int, subject: Subject, cell: Cell) -> int:
+        return cell_seed(Bench(Store(tmp_path), benchmark_key(of), of, {}), subject, cell)
+
+    again = Cell("noise", {"amplitude": 0.0005}, "frame", "another name", "another family")
+    assert seed(0, HORSE, NOISE) == seed(0, HORSE, again)
+    other = Subject("horse-gallop", "x", None, (("x", "1" * 64),))
+    seeds = {
+        seed(0, HORSE, NOISE),
+        seed(1, HORSE, NOISE),
+        seed(0, HORSE, MORE),
+        seed(0, HORSE, STATIC),
+        seed(0, other, NOISE),
+    }
+    assert len(seeds) == 5
+
+
+def test_keys_are_public_and_differ_by_seed() -> None:
+    assert benchmark_key(0).id == benchmark_key(0).id
+    assert benchmark_key(0).id != benchmark_key(1).id
+
+
+def test_a_verdict_becomes_the_figures_of_a_row() -> None:
+    key = benchmark_key(0)
+    words = key.words("tsai2014", 2, 16)
+    value = np.tile(0.05 * words, (4, 1, 1))
+    # Frame 2: three bits of one part wrong, four of the other.
+    value[2, 0, :3] *= -1
+    value[2, 1, :4] *= -1
+    evidence = Evidence(
+        "/A", "tsai2014", 2, np.arange(4.0), value, np.ones(value.shape, dtype=bool), 0.05
+    )
+    row = describe(decide("a", [evidence], key))
+    assert row["ber_avg"] == pytest.approx(3 / 16 / 4)
+    assert row["ber_max"] == 3 / 16
+    assert row["worst"] == {"prim": "/A", "time": 2.0, "part": 0, "ber": 3 / 16}
+    assert row["frames_lucky"] == 1.0
+    assert row["verified"] is True
+    assert row["log10_p_single_frame_median"] < -6
+
+
+def test_a_verdict_on_nothing_is_no_find() -> None:
+    row = describe(decide("a", [], benchmark_key(0), notes=["/A: tsai2014: no carrier"]))
+    assert row["ber_avg"] is None
+    assert row["verified"] is False
+    assert row["log10_p"] == 0.0
+    assert row["notes"] == ["/A: tsai2014: no carrier"]
