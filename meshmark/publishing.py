@@ -18,7 +18,7 @@ from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, writ
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.metrics import distortion
 from meshmark.recipe import Recipe
-from meshmark.sources import LAYER_SUFFIXES, read, writer
+from meshmark.sources import LAYER_SUFFIXES, read, texture_coordinates, writer
 from meshmark.validation import check
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import verify
@@ -292,12 +292,15 @@ def _source(original: Asset, target: Path) -> dict[str, Any]:
 
 def _prims(marked: MarkedAsset, verdict: Verdict) -> list[dict[str, Any]]:
     verdicts = {prim.prim: prim for prim in verdict.prims}
-    return [_prim(mesh, verdicts.get(mesh.animation.prim)) for mesh in marked.meshes]
+    return [
+        _prim(marked.original, mesh, verdicts.get(mesh.animation.prim)) for mesh in marked.meshes
+    ]
 
 
-def _prim(mesh: MarkedMesh, verdict: PrimVerdict | None) -> dict[str, Any]:
+def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None) -> dict[str, Any]:
     first, chosen = mesh.original[0], mesh.embedded.frames
-    found = distortion(mesh.original.select(chosen), mesh.animation.select(chosen))
+    uv = texture_coordinates(asset, mesh.original.prim)
+    found = distortion(mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv)
     told = None if verdict is None else verdict.as_json()
     kept = ("verdict", "log10_p", "chips", "ber")
     return {

@@ -7,6 +7,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from meshmark.animation import Asset
 from meshmark.errors import InputError, UsageError
 from meshmark.plugins import catalogue, make_reader
@@ -55,6 +58,21 @@ def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
     raise InputError(
         f"nothing here reads it: not USD, and none of the readers {known}", source=name
     )
+
+
+def texture_coordinates(asset: Asset, prim: str) -> NDArray[np.float64] | None:
+    """Read the texture coordinates of a mesh, where its kind of source has them for us.
+
+    Returns
+    -------
+    (F, 3, 2) float64 or None
+        For each corner of each triangle; None if there are none, or the source is no stage.
+    """
+    if asset.reader != "usd":
+        return None
+    from meshmark.usd.texture_coordinates import read_texture_coordinates
+
+    return read_texture_coordinates(asset.source, prim)
 
 
 def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool = False) -> None:

@@ -86,8 +86,8 @@ def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArr
     (n, 3) float64
         Weights of a, b and c, none negative, summing to 1.
     """
-    weights = _plane_weights(P, a, b, c)
-    outside = (weights < 0).any(axis=1)
+    weights, flat = plane_weights(P, a, b, c)
+    outside = flat | (weights < 0).any(axis=1)
     # Where the foot of the perpendicular is outside, the closest point lies on an edge.
     weights[outside] = _closest_on_edges(P[outside], a[outside], b[outside], c[outside])
     return weights
@@ -129,8 +129,23 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     return points
 
 
-def _plane_weights(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Compute barycentric coordinates of the feet of perpendiculars; -1 without a plane."""
+def plane_weights(
+    P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Compute barycentric coordinates of the feet of perpendiculars on the triangles' planes.
+
+    Parameters
+    ----------
+    P, a, b, c : (n, 3) float64
+        Points, and the corners of a triangle for each.
+
+    Returns
+    -------
+    weights : (n, 3) float64
+        Weights of a, b and c, summing to 1; some are negative where the foot lies outside.
+    flat : (n,) bool
+        Triangles without area, which have no plane: their weights say nothing.
+    """
     u, v, w = b - a, c - a, P - a
     uu, uv, vv = _dot(u, u), _dot(u, v), _dot(v, v)
     wu, wv = _dot(w, u), _dot(w, v)
@@ -139,9 +154,7 @@ def _plane_weights(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -
     safe = np.where(flat, 1.0, determinant)
     s = (vv * wu - uv * wv) / safe
     t = (uu * wv - uv * wu) / safe
-    weights = np.stack([1 - s - t, s, t], axis=1)
-    weights[flat] = -1.0
-    return weights
+    return np.stack([1 - s - t, s, t], axis=1), flat
 
 
 def _closest_on_edges(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:

@@ -15,7 +15,9 @@ from meshmark.metrics import (
     flicker,
     flipped_faces,
     hausdorff,
+    jitter,
     max_move_edges,
+    min_angle_change,
     mrms,
     surface_distance,
 )
@@ -150,6 +152,55 @@ def test_moves_are_counted_in_mean_edge_lengths():
     assert max_move_edges(V, V, F) == 0.0
 
 
+def test_the_smallest_angle_lost_is_that_of_the_face_that_lost_most():
+    # From 45 and 60 degrees: the first to atan(1/4), the second to 45 by lowering its apex.
+    V0 = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, math.sqrt(0.75), 5], [0, 0, 5]])
+    V0 = np.concatenate([V0, [[1.0, 0, 5]]])
+    F = np.array([[0, 1, 2], [4, 5, 3]])
+    V1 = V0.copy()
+    V1[3] = [0.5, 0.5, 5]
+    assert min_angle_change(V0, V1, F) == pytest.approx(15)
+    V1[2] = [0, 0.25, 0]
+    assert min_angle_change(V0, V1, F) == pytest.approx(45 - math.degrees(math.atan(0.25)))
+    # What opens up is no loss, and neither is turning or scaling.
+    assert min_angle_change(V1, V0, F) == 0.0
+    assert min_angle_change(V0, 7 * V0[:, [2, 0, 1]], F) == pytest.approx(0, abs=1e-9)
+
+
+def test_faces_without_area_have_no_angle_to_lose():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    F = np.array([[0, 1, 2], [0, 0, 3], [0, 1, 3]])
+    assert min_angle_change(V, V + np.outer([0, 1, 0, 0], [0, 1, 0]), F) == 0.0
+    flat = V * [1, 0, 1]
+    assert min_angle_change(V, flat, F) == pytest.approx(45)
+    # A needle of a millionth: its angle is not lost to rounding.
+    needle = V * [1, 1e-6, 1]
+    assert min_angle_change(needle, flat, F) == pytest.approx(math.degrees(1e-6))
+
+
+def test_jitter_of_a_wave_on_a_wave():
+    # On sines of one phase, acceleration is (2 pi f)^2 of the size: a fifth as large and three
+    # times as fast makes nine fifths, but for what the finite step takes.
+    t = np.arange(401) / 400
+    shape = np.random.default_rng(0).normal(size=(1, 50, 3))
+    P = np.sin(2 * np.pi * t)[:, None, None] * shape
+    D = 0.2 * np.sin(2 * np.pi * 3 * t)[:, None, None] * shape
+    assert jitter(P, D, t) == pytest.approx(1.8, rel=1e-3)
+    assert jitter(P + t[:, None, None] * [5, 0, 0], D, t) == pytest.approx(1.8, rel=1e-3)
+    assert jitter(P, 0.1 * P + 3 * shape, t) == pytest.approx(0.1)
+    assert jitter(P, 0 * D) == 0.0
+    assert jitter(0 * P, D) == math.inf
+    assert math.isnan(jitter(P[:2], D[:2]))
+
+
+def test_jitter_knows_the_time_between_frames():
+    # A parabola has the same acceleration wherever it is sampled.
+    t = np.array([0.0, 1, 3, 4, 8, 8.5])
+    P = (t**2)[:, None, None] * np.ones((1, 7, 3))
+    D = (0.3 * t**2 - t + 2)[:, None, None] * np.ones((1, 7, 3))
+    assert jitter(P, D, t) == pytest.approx(0.3)
+
+
 def test_flicker_of_known_displacements():
     D = np.random.default_rng(0).normal(size=(1, 400, 3))
     still = np.repeat(D, 6, axis=0)
@@ -180,15 +231,21 @@ def test_distortion_gathers_the_measures_over_frames():
             "hausdorff_rel": mean / diagonal,
             "mrms_rel": mean / diagonal,
             "flipped_faces": 0.0,
+            "min_angle_change": 0.0,
             "max_move_edges": mean / edge,
+            "texture_drift": math.nan,
             "flicker": math.sqrt((0.01 + 0.04) / 2 / ((0.01 + 0.04 + 0.16) / 3)),
-        }
+            "jitter": math.inf,
+        },
+        nan_ok=True,
+        abs=1e-7,
     )
     assert distortion(before, after, [0]).hausdorff == pytest.approx(0.1)
     assert distortion(before, after, [0, 2]).flicker == pytest.approx(
         math.sqrt(0.09 / ((0.01 + 0.16) / 2))
     )
-    assert pickle.loads(pickle.dumps(found)) == found
+    # Compared as text, because what is not a number does not equal itself.
+    assert repr(pickle.loads(pickle.dumps(found))) == repr(found)
 
 
 def test_relative_distances_do_not_depend_on_the_unit():
@@ -208,7 +265,10 @@ def test_other_connectivities_are_compared_as_surfaces_only():
     still = [MeshAnimation.from_arrays(*mesh) for mesh in ((V, F), (W + up(0.5), G))]
     found = distortion(*still)
     assert found.hausdorff == pytest.approx(0.5)
-    assert all(map(math.isnan, (found.flipped_faces, found.max_move_edges, found.flicker)))
+    surface = {"hausdorff", "mrms", "hausdorff_rel", "mrms_rel"}
+    others = {name: value for name, value in asdict(found).items() if name not in surface}
+    assert len(others) == 6
+    assert all(math.isnan(value) for value in others.values())
 
 
 def test_animations_of_different_lengths_cannot_be_compared():

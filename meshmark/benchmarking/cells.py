@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.animation import Asset
+from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import attack_asset
 from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
@@ -16,9 +16,10 @@ from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
 from meshmark.json_values import number
 from meshmark.keys import Key
-from meshmark.metrics import distortion
+from meshmark.metrics import Distortion, distortion
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe
+from meshmark.sources import texture_coordinates
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import gather, judge_all
 
@@ -137,6 +138,11 @@ def _worst(prim: PrimVerdict) -> dict[str, Any] | None:
     }
 
 
+def _distortion(original: Asset, mesh: MeshAnimation) -> Distortion:
+    uv = texture_coordinates(original, mesh.prim)
+    return distortion(original.mesh(mesh.prim), mesh, uv=uv)
+
+
 def measure_distortion(subject: Subject, copy: MarkedCopy) -> dict[str, Any]:
     """Measure what marking did to each mesh, in JSON values."""
     clock = StageClock()
@@ -147,8 +153,7 @@ def measure_distortion(subject: Subject, copy: MarkedCopy) -> dict[str, Any]:
             {
                 "prim": mesh.prim,
                 **{
-                    name: number(value)
-                    for name, value in vars(distortion(original.mesh(mesh.prim), mesh)).items()
+                    name: number(value) for name, value in vars(_distortion(original, mesh)).items()
                 },
             }
             for mesh in marked.meshes

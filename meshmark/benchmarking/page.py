@@ -114,8 +114,8 @@ def _distortion_table(rows: Sequence[Row]) -> str:
         for row in rows
     ]
     note = (
-        "Means over the frames, flicker across them. The paper gives no unit of length; its "
-        "figures are compared with ours over the diagonal of the bounding box."
+        "Means over the frames, flicker and jitter across them. The paper gives no unit of "
+        "length; its figures are compared with ours over the diagonal of the bounding box."
     )
     return f"{table(header, lines)}\n\n{note}"
 

@@ -85,11 +85,16 @@ def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
     counts = _ints(mesh.GetFaceVertexCountsAttr(), code)
     indices = _ints(mesh.GetFaceVertexIndicesAttr(), code)
     topology = Topology(counts, indices, n_points)
-    left_handed = mesh.GetOrientationAttr().Get(code) == UsdGeom.Tokens.leftHanded
-    mirrored = np.linalg.det(local_to_world(prim, time)[:3, :3]) < 0
-    if left_handed == mirrored:
+    if not inside_out(prim, time):
         return topology
-    return Topology(topology.counts, _backwards(topology.counts, topology.indices), n_points)
+    return Topology(topology.counts, backwards(topology.counts, topology.indices), n_points)
+
+
+def inside_out(prim: Usd.Prim, time: float) -> bool:
+    """Tell whether the faces, as their corners are listed, face inward in world space."""
+    left_handed = UsdGeom.Mesh(prim).GetOrientationAttr().Get(time_code(time))
+    mirrored = np.linalg.det(local_to_world(prim, time)[:3, :3]) < 0
+    return bool((left_handed == UsdGeom.Tokens.leftHanded) != mirrored)
 
 
 def topology_varies(prim: Usd.Prim, times: FloatArray) -> bool:
@@ -112,8 +117,16 @@ def _ints(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
     return np.asarray(() if value is None else value, dtype=np.int64)
 
 
-def _backwards(counts: IntArray, indices: IntArray) -> IntArray:
-    """List each polygon's corners backwards, from the same first corner."""
+def backwards(counts: IntArray, indices: IntArray) -> IntArray:
+    """List each polygon's corners backwards, from the same first corner.
+
+    Parameters
+    ----------
+    counts : (P,) int
+        Corners of each polygon.
+    indices : (sum(counts),) int
+        Anything that is said of the corners, polygon after polygon.
+    """
     start = np.repeat(np.cumsum(counts) - counts, counts)
     corner = np.arange(indices.size) - start
     return indices[start + (-corner) % np.repeat(counts, counts)]

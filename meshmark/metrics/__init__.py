@@ -1,0 +1,26 @@
+"""How much a mesh or an animation was distorted, in the measures the field reports.
+
+Surface distances compare two triangle meshes that need not share a connectivity; the others
+compare the same vertices before and after. `docs/metrics.md` has them all on one page.
+"""
+
+from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
+from meshmark.metrics.motion import flicker, jitter
+from meshmark.metrics.summary import Distortion, distortion
+from meshmark.metrics.texture import texture_drift
+from meshmark.surface_distance import SurfaceDistance, hausdorff, mrms, surface_distance
+
+__all__ = [
+    "Distortion",
+    "SurfaceDistance",
+    "distortion",
+    "flicker",
+    "flipped_faces",
+    "hausdorff",
+    "jitter",
+    "max_move_edges",
+    "min_angle_change",
+    "mrms",
+    "surface_distance",
+    "texture_drift",
+]

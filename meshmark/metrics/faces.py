@@ -1,0 +1,93 @@
+"""What became of single faces and vertices of one frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.topology import edges
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# A face whose normal is shorter than this share of its longest edge squared has no direction.
+_SLIVER = 1e-12
+
+
+def flipped_faces(V0: FloatArray, V1: FloatArray, F: IntArray) -> int:
+    """Count the faces whose normal turned by more than 90 degrees.
+
+    A face without area before or after has no normal and is not counted.
+
+    Parameters
+    ----------
+    V0, V1 : (N, 3) float64
+        Vertex positions before and after.
+    F : (F, 3) int
+        Triangles.
+    """
+    n0, n1 = _normals(V0, F), _normals(V1, F)
+    return int(np.count_nonzero(np.einsum("ij,ij->i", n0, n1) < 0))
+
+
+def min_angle_change(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
+    """Measure by how much the smallest angle of a face shrank, in degrees, at worst.
+
+    Each face is compared with itself: the smallest angle of the whole mesh would only tell of
+    the slivers it came with. A face without area before has an angle of 0 to lose.
+
+    Parameters
+    ----------
+    V0, V1 : (N, 3) float64
+        Vertex positions before and after.
+    F : (F, 3) int
+        Triangles.
+
+    Returns
+    -------
+    float
+        Largest loss over all faces, from 0 if none lost to 60.
+    """
+    loss = smallest_angles(V0, F) - smallest_angles(V1, F)
+    return float(loss.max(initial=0.0))
+
+
+def smallest_angles(V: FloatArray, F: IntArray) -> FloatArray:
+    """Compute the smallest angle of each face in degrees, (F,); 0 for one without area."""
+    corners = V[F]
+    there = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, 1, axis=1) - corners
+    # The arctangent is exact for needles, where a cosine near 1 has no digits left.
+    sine = np.linalg.norm(np.cross(there, back), axis=2)
+    angles = np.arctan2(sine, np.einsum("ijk,ijk->ij", there, back))
+    smallest: FloatArray = np.degrees(angles.min(axis=1))
+    return smallest
+
+
+def max_move_edges(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
+    """Measure the largest move of a vertex in mean edge lengths of the mesh before.
+
+    Parameters
+    ----------
+    V0, V1 : (N, 3) float64
+        Vertex positions before and after.
+    F : (F, 3) int
+        Triangles.
+    """
+    E = edges(F)
+    length = float(np.linalg.norm(V0[E[:, 0]] - V0[E[:, 1]], axis=1).mean()) if len(E) else 0.0
+    move = float(np.linalg.norm(V1 - V0, axis=1).max(initial=0.0))
+    if move == 0.0:
+        return 0.0
+    return move / length if length > 0 else math.inf
+
+
+def _normals(V: FloatArray, F: IntArray) -> FloatArray:
+    """Compute face normals of any length, zero where there is no direction, (F, 3)."""
+    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
+    n = np.cross(b - a, c - a)
+    longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
+    n[np.linalg.norm(n, axis=1) <= _SLIVER * longest] = 0.0
+    return n

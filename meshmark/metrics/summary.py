@@ -1,0 +1,142 @@
+"""All measures of an animation's distortion in one, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import Frame, MeshAnimation
+from meshmark.errors import UsageError
+from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
+from meshmark.metrics.motion import Flicker, Jitter
+from meshmark.metrics.texture import texture_drift
+from meshmark.surface_distance import surface_distance
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Distortion of an animation: means over its frames; flicker and jitter span them.
+
+    Parameters
+    ----------
+    hausdorff, mrms : float
+        Surface distances in the unit of the points.
+    hausdorff_rel, mrms_rel : float
+        The same over the diagonal of the original frame's bounding box.
+    flipped_faces : float
+        Faces whose normal turned by more than 90 degrees.
+    min_angle_change : float
+        Largest loss of a face's smallest angle, in degrees.
+    max_move_edges : float
+        Largest move of a vertex in mean edge lengths.
+    texture_drift : float
+        Farthest slide of a vertex under its texture coordinates, in texels of a 4k map; NaN
+        without texture coordinates.
+    flicker : float
+        Change of the displacement between neighbouring frames over the displacement.
+    jitter : float
+        Acceleration of the displacement over that of the motion; NaN with fewer than three
+        frames, inf without motion.
+
+    Notes
+    -----
+    All but the surface distances are NaN where the two animations do not share their vertices
+    and faces.
+    """
+
+    hausdorff: float
+    mrms: float
+    hausdorff_rel: float
+    mrms_rel: float
+    flipped_faces: float
+    min_angle_change: float
+    max_move_edges: float
+    texture_drift: float
+    flicker: float
+    jitter: float
+
+
+def distortion(
+    original: MeshAnimation,
+    marked: MeshAnimation,
+    frames: Sequence[int] | None = None,
+    *,
+    uv: FloatArray | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+) -> Distortion:
+    """Measure the distortion of an animation, reading one pair of frames at a time.
+
+    Parameters
+    ----------
+    original, marked : MeshAnimation
+        As many frames each; compared in order.
+    frames : sequence of int, optional
+        Indices of the frames to compare, increasing; all by default. Flicker and jitter are
+        then between neighbours among these.
+    uv : (N, 2) or (F, 3, 2) float64, optional
+        Texture coordinates of the vertices or of the triangles' corners, in every frame.
+    samples, seed
+        As in `surface_distance`.
+
+    Raises
+    ------
+    UsageError
+        If the animations have different numbers of frames, or no frame is asked for.
+    """
+    if len(original) != len(marked):
+        raise UsageError(
+            f"{len(marked)} frames cannot be compared with {len(original)}",
+            source=original.origin or None,
+            prim=original.prim,
+        )
+    chosen = range(len(original)) if frames is None else frames
+    if not len(chosen):
+        raise UsageError("there is no frame to compare", prim=original.prim)
+    rows = []
+    restlessness, trembling = Flicker(), Jitter()
+    for index in chosen:
+        before, after = original[index], marked[index]
+        rows.append(_frame_distortion(before, after, uv, samples, seed))
+        if before.topology.same_as(after.topology):
+            displacement = after.points - before.points
+            restlessness.add(displacement)
+            trembling.add(before.time, before.points, displacement)
+    means = dict(zip(rows[0], np.mean([list(row.values()) for row in rows], axis=0), strict=True))
+    shared = not math.isnan(means["max_move_edges"])
+    return Distortion(
+        **{name: float(mean) for name, mean in means.items()},
+        flicker=restlessness.ratio() if shared else math.nan,
+        jitter=trembling.ratio() if shared else math.nan,
+    )
+
+
+def _frame_distortion(
+    before: Frame, after: Frame, uv: FloatArray | None, samples: int | None, seed: int
+) -> dict[str, float]:
+    distance = surface_distance(
+        before.points, before.faces, after.points, after.faces, samples=samples, seed=seed
+    )
+    row = {
+        "hausdorff": distance.hausdorff,
+        "mrms": distance.mrms,
+        "hausdorff_rel": distance.hausdorff / distance.diagonal,
+        "mrms_rel": distance.mrms / distance.diagonal,
+    }
+    pair = (before.points, after.points, before.faces)
+    if not before.topology.same_as(after.topology):
+        unknown = ("flipped_faces", "min_angle_change", "max_move_edges", "texture_drift")
+        return {**row, **dict.fromkeys(unknown, math.nan)}
+    return {
+        **row,
+        "flipped_faces": float(flipped_faces(*pair)),
+        "min_angle_change": min_angle_change(*pair),
+        "max_move_edges": max_move_edges(*pair),
+        "texture_drift": math.nan if uv is None else float(texture_drift(*pair, uv).max()),
+    }
