@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Chips, measure
@@ -17,7 +19,9 @@ from meshmark.keys import Key
 from meshmark.parallel import ordered_map
 from meshmark.restraint import restrain
 from meshmark.scratch import DisplacedFrames, ScratchFile
+from meshmark.smoothing import smooth, umbrella
 from meshmark.statistics import log10_p_words
+from meshmark.topology import boundary_edges, edges
 from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +32,8 @@ ROUNDS = 6
 OVERSHOOT = 1.15
 # A chip that keeps more than this share of its shortfall through a round is given up.
 STALLED = 0.97
+# Share of its strength that a chip must keep through the rehearsed smoothing.
+REHEARSED = 0.9
 LAYOUT_ROUNDS = 3
 # Share of its evidence that blind detection must find for a layout to count as settled.
 SETTLED = 0.9
@@ -62,6 +68,13 @@ class Plan:
     words: IntArray
     generator: np.random.Generator
     reference: tuple[Frame, Frame] | None = None
+
+    @cached_property
+    def umbrella(self) -> csr_matrix:
+        """Smoothing operator of the analysed mesh, (M, M) sparse."""
+        topology = self.welding.topology
+        F = topology.triangles
+        return umbrella(edges(F), boundary_edges(F).reshape(-1), topology.n_points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,24 +234,33 @@ def drive(frame: Frame, plan: Plan) -> FloatArray:
     rng.bit_generator.state = plan.generator.bit_generator.state
     points = frame.points
     best: tuple[float, FloatArray] = (np.inf, points)
-    before: FloatArray | None = None
+    before = np.full(plan.words.shape, np.inf)
     for _ in range(ROUNDS):
         current = frame.moved(points)
         carriers = plan.scheme.carriers(current, plan.layout)
-        chips = measure(carriers)
-        lacking = _shortfall(chips, plan.words, plan.scheme.strength)
+        lacking = _lacking(current, measure(carriers), plan)
         total = float(lacking.sum())
         if total < best[0]:
             best = (total, points)
         # A chip that hardly comes nearer has no room left; pushing on would only distort.
-        wanted = lacking if before is None else np.where(lacking < STALLED * before, lacking, 0.0)
+        wanted = np.where(lacking < STALLED * before, lacking, 0.0)
         if not wanted.any():
             break
-        before = wanted
+        before = np.where(lacking > 0.0, wanted, np.inf)
         shifts = plan.words * wanted * OVERSHOOT
         points = plan.scheme.move(current, plan.layout, carriers, list(shifts), rng)
         points = restrain(frame.points, points, frame.faces)
     return best[1]
+
+
+def _lacking(current: Frame, chips: Chips, plan: Plan) -> FloatArray:
+    """How far each chip is from its target, as it stands and as it comes out of rehearsal."""
+    lacking = _shortfall(chips, plan.words, plan.scheme.strength)
+    if plan.scheme.rehearsal == 0:
+        return lacking
+    smoothed = smooth(current.points, plan.umbrella, plan.scheme.rehearsal)
+    after = measure(plan.scheme.carriers(current.moved(smoothed), plan.layout))
+    return np.maximum(lacking, _shortfall(after, plan.words, REHEARSED * plan.scheme.strength))
 
 
 def _shortfall(chips: Chips, words: IntArray, strength: float) -> FloatArray:

@@ -111,6 +111,9 @@ class Scheme(Protocol):
         Code words: 1 if all carriers share one; otherwise each carrier holds a different one.
     strength : float
         Target of a chip: embedding drives w s up to at least this, s as measured.
+    rehearsal : int
+        Iterations of umbrella smoothing the closed loop rehearses; 0 for none. A chip is then
+        pushed until enough of it would be left.
     propagate : str
         "adapt" if every frame is driven to its own targets; "delta" if `carry` takes the
         first frame's moves to the others.
@@ -120,6 +123,7 @@ class Scheme(Protocol):
     n_words: int
     strength: float
     propagate: str
+    rehearsal: int
 
     def layout(self, frame: Frame) -> Any:
         """Find in the first frame what vertex trajectories carry to the others.

@@ -125,8 +125,13 @@ def test_neighbours_uphill_and_downhill() -> None:
 def test_changes_are_taken_in_turn_until_there_is_enough() -> None:
     bins = np.array([1, 0, 1, 1, -1])
     turn = np.array([2.0, 0.0, 0.0, 1.0, 0.0])
-    taken = share_out(np.array([0.1, 1.0]), bins, np.array([0.6, 0.5, 0.6, 0.3, 9.0]), turn)
+    needed, available = np.array([0.1, 1.0]), np.array([0.6, 0.5, 0.6, 0.3, 9.0])
+    taken = share_out(needed, bins, available, turn, 1)
     np.testing.assert_allclose(taken, [0.1, 0.1, 0.6, 0.3, 0.0])
+    # In three picks all of a set take part, and those whose turn comes first once more.
+    taken = share_out(np.array([0.1, 0.8]), bins, available, turn, 3)
+    np.testing.assert_allclose(taken, [0.2, 0.1, 0.4, 0.2, 0.0])
+    assert not share_out(needed, np.full(5, -1), available, turn, 3).any()
 
 
 def test_steepness_is_the_sine_out_of_the_surface() -> None:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags_array
+from scipy.sparse import csr_matrix
 
 from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.smoothing import smooth, umbrella
 from meshmark_plugins.attacks.parameters import choice, number, whole
 from meshmark_plugins.attacks.polygons import polygon_edges
 
@@ -78,34 +79,16 @@ class SmoothFrame:
 
     def __call__(self, frame: Frame) -> Frame:
         """Return the smoothed frame."""
-        L = umbrella(frame.topology)
+        L = polygon_umbrella(frame.topology)
         V = frame.points
         for _ in range(self.iterations):
             for step in self.steps:
-                V = V + step * (L @ V)
+                V = smooth(V, L, 1, step)
         return frame.moved(V)
 
 
 @lru_cache(maxsize=4)
-def umbrella(topology: Topology) -> csr_matrix:
-    """Build the operator that maps V to (mean of neighbours - V), 0 on borders and off faces.
-
-    Parameters
-    ----------
-    topology : Topology
-        Polygons over N points.
-
-    Returns
-    -------
-    (N, N) sparse
-        Remembered for the topologies used last.
-    """
+def polygon_umbrella(topology: Topology) -> csr_matrix:
+    """Build the umbrella operator along polygon edges; remembered for the topologies used last."""
     E, uses = polygon_edges(topology)
-    n = topology.n_points
-    i, j = np.concatenate([E, E[:, ::-1]]).T
-    A = csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
-    degree = np.asarray(A.sum(axis=1)).ravel()
-    free = degree > 0
-    free[E[uses == 1].ravel()] = False
-    rows = np.where(free, 1.0 / np.maximum(degree, 1.0), 0.0)
-    return csr_matrix(diags_array(rows) @ A - diags_array(free.astype(np.float64)))
+    return umbrella(E, E[uses == 1].ravel(), topology.n_points)

@@ -12,6 +12,8 @@ TSAI2014_DEFAULTS: dict[str, Any] = {
     "words": 8,
     "propagate": "adapt",
     "step": 0.3,
+    "picks": 10,
+    "rehearsal": 10,
 }
 
 CHO2007_DEFAULTS: dict[str, Any] = {"bits": 64, "strength": 0.05}

@@ -59,6 +59,7 @@ class Cho2007:
         self.n_words = 1
         self.strength = strength
         self.propagate = "adapt"
+        self.rehearsal = 0
 
     def layout(self, frame: Frame) -> None:
         """Check that a frame can hold a mark; trajectories carry nothing.

@@ -57,12 +57,14 @@ def extreme_neighbours(d: FloatArray, E: IntArray, upward: BoolArray) -> Slopes:
 
 
 def share_out(
-    needed: FloatArray, bins: IntArray, available: FloatArray, turn: FloatArray
+    needed: FloatArray, bins: IntArray, available: FloatArray, turn: FloatArray, picks: int
 ) -> FloatArray:
-    """Take what each bin needs from its vertices one by one, in the order of their turns.
+    """Take what each bin needs from its vertices, pick by pick.
 
-    The published rule picks a vertex, moves it, looks whether the set's mean has passed the
-    threshold, and goes on. For all vertices and bins at once, that is a running sum.
+    The published rule picks a vertex, moves it by some quantity, looks whether the set's mean
+    has passed the threshold, and goes on. Here every vertex of a set is picked once, in the
+    order of their turns, before any is picked again; for all picks at once, that is a running
+    sum.
 
     Parameters
     ----------
@@ -74,21 +76,28 @@ def share_out(
         Largest change each vertex can give.
     turn : (n,) float64
         Whose turn it is: within a bin, the lowest comes first.
+    picks : int
+        How often a vertex is picked until it has given all it can.
 
     Returns
     -------
     (n,) float64
         Change taken from each vertex.
     """
-    order = np.lexsort((turn, bins))
-    order = order[bins[order] >= 0]
-    k, give = bins[order], available[order]
-    before = np.cumsum(give) - give
-    start = np.searchsorted(k, np.arange(len(needed)), side="left")
-    offset = before[np.minimum(start, len(before) - 1)] if len(before) else np.zeros(len(needed))
-    taken = np.zeros(len(bins))
-    taken[order] = np.clip(needed[k] - (before - offset[k]), 0.0, give)
-    return taken
+    n = len(bins)
+    pick = np.repeat(np.arange(picks), n)
+    k = np.tile(bins, picks)
+    order = np.lexsort((np.tile(turn, picks), pick, k))
+    order = order[k[order] >= 0]
+    taken = np.zeros(n * picks)
+    if order.size:
+        k, give = k[order], np.tile(available / picks, picks)[order]
+        before = np.cumsum(give) - give
+        start = np.searchsorted(k, np.arange(len(needed)), side="left")
+        offset = before[np.minimum(start, len(before) - 1)]
+        taken[order] = np.clip(needed[k] - (before - offset[k]), 0.0, give)
+    total: FloatArray = taken.reshape(picks, n).sum(axis=0)
+    return total
 
 
 def steepness(V: FloatArray, F: IntArray, neighbour: IntArray) -> FloatArray:
