@@ -146,9 +146,9 @@ def test_a_second_run_does_only_what_is_missing(document, source, folder, monkey
     performed = []
     perform = module.perform
 
-    def counted(task: Any) -> None:
-        performed.append(task.cell.label)
-        perform(task)
+    def counted(order: Any) -> None:
+        performed.append(order.task.cell.label)
+        perform(order)
 
     def embed_again(*args: Any, **options: Any) -> None:
         raise AssertionError("marked again")
@@ -168,6 +168,13 @@ def test_a_second_run_does_only_what_is_missing(document, source, folder, monkey
     for report in (document, again):
         assert set(report["timings"]) == {"elapsed_s", "assets", "rows"}
     assert without_timings(again) == without_timings(document)
+
+
+def test_a_result_that_never_came_is_told(source, folder, document, monkeypatch) -> None:
+    monkeypatch.setattr(module, "perform", lambda order: None)
+    suite = Suite("tiny", (cell_from_text("float16"),))
+    [row] = run_benchmark([str(source)], suite, [Recipe()], folder)["rows"]
+    assert "gone" in row["error"]
 
 
 def is_cell(identity: dict[str, Any], attack: str, side: str) -> bool:

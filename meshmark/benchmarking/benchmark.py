@@ -20,6 +20,7 @@ from meshmark.benchmarking.tasks import (
     Bench,
     CellTask,
     DistortionTask,
+    Order,
     Pairing,
     Task,
     failure,
@@ -225,10 +226,11 @@ def _tasks(bench: Bench, suite: Suite, pairings: Sequence[Pairing]) -> list[Task
 
 
 def _perform_missing(tasks: Sequence[Task], jobs: int, progress: Progress | None) -> None:
+    orders = [Order(task, task.identity) for task in tasks]
     missing = {
-        identity_hash(task.identity): task
-        for task in tasks
-        if not task.bench.store.finished(task.identity)
+        identity_hash(order.identity): order
+        for order in orders
+        if not order.task.bench.store.finished(order.identity)
     }
     done = len(tasks) - len(missing)
     if progress is not None:
@@ -251,11 +253,16 @@ def _outcome(bench: Bench, place: Place, suite: Suite, pairing: Pairing) -> Outc
     if pairing.error is not None:
         failed = {**copy, "error": pairing.error}
         return Outcome(pairing, failed, failed, tuple((failed, failed) for _ in suite.cells))
-    results = [
-        tuple(
-            bench.store.load(CellTask(bench, pairing, cell, side).identity) or {} for side in SIDES
+    results = tuple(
+        (
+            _result_of(CellTask(bench, pairing, cell, "marked")),
+            _result_of(CellTask(bench, pairing, cell, "control")),
         )
         for cell in suite.cells
-    ]
-    spent = bench.store.load(DistortionTask(bench, pairing).identity) or {}
-    return Outcome(pairing, copy, spent, tuple((one, two) for one, two in results))
+    )
+    return Outcome(pairing, copy, _result_of(DistortionTask(bench, pairing)), results)
+
+
+def _result_of(task: Task) -> dict[str, Any]:
+    found = task.bench.store.load(task.identity)
+    return {"error": "its result is gone from the folder"} if found is None else found

@@ -144,9 +144,21 @@ class DistortionTask:
 Task = CellTask | DistortionTask
 
 
-def perform(task: Task) -> None:
+@dataclass(frozen=True, eq=False)
+class Order:
+    """A piece of work, and the identity that its result is asked for by.
+
+    The identity is told, not found out anew, by whoever does the work: a worker process loads
+    code and plugins by itself, and what it would call the result is not for it to say.
+    """
+
+    task: Task
+    identity: Mapping[str, Any]
+
+
+def perform(order: Order) -> None:
     """Do a piece of work and store its result, or why there is none."""
-    identity = task.identity
+    task = order.task
     try:
         result = task.work()
     except MeshmarkError as error:
@@ -155,7 +167,7 @@ def perform(task: Task) -> None:
     # be stranger than its author thought of: one cell less, not the end of the run.
     except Exception as error:
         result = failure(error, is_plugin=True)
-    task.bench.store.save(identity, result)
+    task.bench.store.save(order.identity, result)
 
 
 def failure(error: Exception, *, is_plugin: bool) -> dict[str, Any]:
