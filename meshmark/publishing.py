@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
@@ -11,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.animation import Asset
-from meshmark.errors import CapacityError, OutputError, UsageError
+from meshmark.errors import CapacityError, UsageError
 from meshmark.json_values import number
 from meshmark.keys import Key
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.metrics import distortion
+from meshmark.outputs import check_output, complete, reread
 from meshmark.recipe import Recipe
-from meshmark.sources import LAYER_SUFFIXES, read, texture_coordinates, writer
+from meshmark.sources import read, texture_coordinates, writer
 from meshmark.validation import check
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import verify
@@ -213,61 +213,6 @@ def split_in_place(asset: Asset) -> tuple[Asset, tuple[tuple[str, str], ...]]:
         raise CapacityError(reason, source=asset.source, prim=asset.meshes[0].prim)
     skipped = tuple((mesh.prim, reason) for mesh in asset.meshes if not mesh.in_place)
     return replace(asset, meshes=reached), skipped
-
-
-def complete(marked: MarkedAsset) -> Asset:
-    """Return the marked meshes, and for a source that cannot be layered over, all others too."""
-    if marked.original.reader == "usd":
-        return marked.asset
-    by_prim = {mesh.original.prim: mesh.animation for mesh in marked.meshes}
-    meshes = tuple(by_prim.get(mesh.prim, mesh) for mesh in marked.original.meshes)
-    return replace(marked.original, meshes=meshes)
-
-
-def reread(marked: MarkedAsset, target: Path) -> Asset:
-    """Read the marked meshes from where they were written, under the names they came with.
-
-    A source that is no stage may hold names that are no prim paths: its meshes are written in
-    order, and found again by it.
-    """
-    prims = [mesh.animation.prim for mesh in marked.meshes]
-    if marked.original.reader == "usd":
-        return read(target, prims)
-    asset = read(target)
-    named = [
-        replace(written, prim=source.prim)
-        for written, source in zip(asset.meshes, marked.original.meshes, strict=True)
-    ]
-    return replace(asset, meshes=tuple(mesh for mesh in named if mesh.prim in prims))
-
-
-def check_output(target: Path, source: str | Path, deliver: bool) -> None:
-    """Refuse an output that could not be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If it is the source itself, or cannot be what was asked for.
-    OutputError
-        If its folder is missing or cannot be written to.
-    """
-    if target.resolve() == Path(source).resolve():
-        raise UsageError("the output is the source itself", source=target)
-    if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
-        raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
-    folder = target.parent
-    if not folder.is_dir():
-        raise OutputError("the folder to write into does not exist", source=folder)
-    try:
-        # Permissions do not tell the whole truth: full and read-only disks, special folders.
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise OutputError(
-            f"the folder cannot be written to: {error.strerror}", source=folder
-        ) from None
-    if target.is_dir() and target.suffix.lower() in LAYER_SUFFIXES:
-        raise OutputError("is a folder", source=target)
 
 
 def source_files(asset: Asset) -> list[Path]:

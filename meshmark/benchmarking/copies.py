@@ -12,7 +12,8 @@ from meshmark.animation import Asset
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.keys import Key
 from meshmark.marking import embed
-from meshmark.publishing import complete, split_in_place
+from meshmark.outputs import complete
+from meshmark.publishing import split_in_place
 from meshmark.recipe import Recipe
 from meshmark.sources import read, writer
 from meshmark.validation import check

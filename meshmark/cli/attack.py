@@ -24,7 +24,7 @@ def attack(
 ) -> None:
     """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.attacking import attack_asset, attack_from_text, write_attacked
-    from meshmark.publishing import check_output
+    from meshmark.outputs import check_output
     from meshmark.sources import read
 
     check_output(output, source, deliver=False)

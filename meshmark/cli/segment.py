@@ -21,7 +21,7 @@ def segment(
     frames: FramesOption = None,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
-    from meshmark.publishing import check_output
+    from meshmark.outputs import check_output
     from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
     from meshmark.sources import read
 

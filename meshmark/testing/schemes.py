@@ -97,6 +97,7 @@ class SchemeSuite:
         assert scheme.n_words >= 1
         assert scheme.strength > 0
         assert scheme.propagate in ("adapt", "delta")
+        assert scheme.rehearsal >= 0
 
     def test_record_is_complete(self, record: SchemeRecord | None) -> None:
         """A record names its scheme, says in one line what it does, and has a version."""

@@ -1,0 +1,67 @@
+"""What is written: is there a place for it, is it whole, and what does it read back as."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from meshmark.animation import Asset
+from meshmark.errors import OutputError, UsageError
+from meshmark.marking import MarkedAsset
+from meshmark.sources import LAYER_SUFFIXES, read
+
+
+def check_output(target: Path, source: str | Path, deliver: bool) -> None:
+    """Refuse an output that could not be written, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If it is the source itself, or cannot be what was asked for.
+    OutputError
+        If its folder is missing or cannot be written to.
+    """
+    if target.resolve() == Path(source).resolve():
+        raise UsageError("the output is the source itself", source=target)
+    if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
+        raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
+    folder = target.parent
+    if not folder.is_dir():
+        raise OutputError("the folder to write into does not exist", source=folder)
+    try:
+        # Permissions do not tell the whole truth: full and read-only disks, special folders.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be written to: {error.strerror}", source=folder
+        ) from None
+    if target.is_dir() and target.suffix.lower() in LAYER_SUFFIXES:
+        raise OutputError("is a folder", source=target)
+
+
+def complete(marked: MarkedAsset) -> Asset:
+    """Return the marked meshes, and for a source that cannot be layered over, all others too."""
+    if marked.original.reader == "usd":
+        return marked.asset
+    by_prim = {mesh.original.prim: mesh.animation for mesh in marked.meshes}
+    meshes = tuple(by_prim.get(mesh.prim, mesh) for mesh in marked.original.meshes)
+    return replace(marked.original, meshes=meshes)
+
+
+def reread(marked: MarkedAsset, target: Path) -> Asset:
+    """Read the marked meshes from where they were written, under the names they came with.
+
+    A source that is no stage may hold names that are no prim paths: its meshes are written in
+    order, and found again by it.
+    """
+    prims = [mesh.animation.prim for mesh in marked.meshes]
+    if marked.original.reader == "usd":
+        return read(target, prims)
+    asset = read(target)
+    named = [
+        replace(written, prim=source.prim)
+        for written, source in zip(asset.meshes, marked.original.meshes, strict=True)
+    ]
+    return replace(asset, meshes=tuple(mesh for mesh in named if mesh.prim in prims))
