@@ -11,7 +11,7 @@ import numpy as np
 
 from meshmark.animation import Asset
 from meshmark.errors import UsageError
-from meshmark.hookspecs import Attack
+from meshmark.interfaces import Attack
 from meshmark.plugins import catalogue, make_attack, make_reader
 from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES

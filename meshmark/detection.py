@@ -15,7 +15,7 @@ from meshmark.animation import MeshAnimation
 from meshmark.carrier import Carrier, Chips, measure
 from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence
-from meshmark.hookspecs import Scheme
+from meshmark.interfaces import Scheme
 from meshmark.parallel import ordered_map
 from meshmark.welding import Welding
 

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
-from meshmark.hookspecs import Scheme
+from meshmark.interfaces import Scheme
 from meshmark.keys import Key
 from meshmark.parallel import ordered_map
 from meshmark.restraint import restrain

@@ -6,190 +6,40 @@ called only when that something is used, so that a heavy import inside it costs 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
-import numpy as np
 import pluggy
-from numpy.typing import NDArray
 
-from meshmark.animation import Asset, Frame, MeshAnimation
-from meshmark.carrier import Carrier
+from meshmark.interfaces import Attack, GeodesicSolver, Reader, Scheme, Segmenter
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+__all__ = [
+    "PROJECT",
+    "Attack",
+    "AttackRecord",
+    "Factory",
+    "GeodesicSolver",
+    "GeodesicSolverRecord",
+    "PluginRecord",
+    "Reader",
+    "ReaderRecord",
+    "Scheme",
+    "SchemeRecord",
+    "Segmenter",
+    "SegmenterRecord",
+    "hookimpl",
+    "hookspec",
+    "meshmark_attacks",
+    "meshmark_geodesic_solvers",
+    "meshmark_readers",
+    "meshmark_schemes",
+    "meshmark_segmenters",
+]
 
 PROJECT = "meshmark"
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
-
-
-@runtime_checkable
-class Reader(Protocol):
-    """Reads one kind of source into an `Asset`, and may write it back."""
-
-    def accepts(self, source: str) -> bool:
-        """Tell, from the name and a glance at the folder, whether this reader is meant."""
-        ...
-
-    def read(self, source: str) -> Asset:
-        """Read every mesh of the source; frames may be read lazily.
-
-        Raises
-        ------
-        InputError
-            Naming file, mesh and frame, if the source cannot be read.
-        """
-        ...
-
-    def writes(self, output: Path) -> bool:
-        """Tell whether `output` names something this reader can write back to."""
-        ...
-
-    def write(self, marked: Asset, original: Asset, output: Path) -> None:
-        """Write `original`, as it stands in its files, with the points of `marked`.
-
-        Nothing but positions may change, and nothing half-written may be left behind.
-        """
-        ...
-
-
-@runtime_checkable
-class Segmenter(Protocol):
-    """Cuts a mesh into parts."""
-
-    def segment(self, V: FloatArray, F: IntArray) -> IntArray:
-        """Label each face with its part.
-
-        Parameters
-        ----------
-        V : (N, 3) float64
-            Vertex positions.
-        F : (F, 3) int
-            Triangles.
-
-        Returns
-        -------
-        (F,) int
-            Part of each face, 0-based, every part edge-connected. The same for a mesh that
-            was rotated, scaled, moved or re-ordered (up to the re-ordering), and on every run.
-        """
-        ...
-
-
-@runtime_checkable
-class GeodesicSolver(Protocol):
-    """Built once on a mesh, asked many times."""
-
-    def distances(self, sources: IntArray) -> FloatArray:
-        """Measure the distance along the surface from each source to every vertex.
-
-        Parameters
-        ----------
-        sources : (S,) int
-            Vertex indices.
-
-        Returns
-        -------
-        (S, N) float64
-            Distances in the unit of the points; inf where a vertex cannot be reached.
-        """
-        ...
-
-
-@runtime_checkable
-class Scheme(Protocol):
-    """Says where the carriers come from, and how vertices move. All else is the core's.
-
-    Attributes
-    ----------
-    n_chips : int
-        Chips of one carrier.
-    n_words : int
-        Code words: 1 if all carriers share one; otherwise each carrier holds a different one.
-    strength : float
-        Target of a chip: embedding drives w s up to at least this, s as measured.
-    rehearsal : int
-        Iterations of umbrella smoothing the closed loop rehearses; 0 for none. A chip is then
-        pushed until enough of it would be left.
-    propagate : str
-        "adapt" if every frame is driven to its own targets; "delta" if `carry` takes the
-        first frame's moves to the others.
-    """
-
-    n_chips: int
-    n_words: int
-    strength: float
-    propagate: str
-    rehearsal: int
-
-    def layout(self, frame: Frame) -> Any:
-        """Find in the first frame what vertex trajectories carry to the others.
-
-        The result must pickle; it is handed back with every frame of the same topology.
-
-        Raises
-        ------
-        CapacityError
-            If the mesh is too small or too featureless.
-        """
-        ...
-
-    def carriers(self, frame: Frame, layout: Any) -> Sequence[Carrier]:
-        """Measure the carriers of a frame: which vertices, which coordinate, which bins.
-
-        Always as many, and in the same order, for one layout.
-        """
-        ...
-
-    def move(
-        self,
-        frame: Frame,
-        layout: Any,
-        carriers: Sequence[Carrier],
-        shifts: Sequence[FloatArray],
-        rng: np.random.Generator,
-    ) -> FloatArray:
-        """Move vertices so that each chip changes by about its shift.
-
-        Parameters
-        ----------
-        shifts : sequence of (n_chips,) float64
-            Wanted change of each chip of each carrier; 0 where nothing is wanted.
-        rng : numpy.random.Generator
-            Seeded by the key, equal for every frame.
-
-        Returns
-        -------
-        (N, 3) float64
-            New vertex positions.
-        """
-        ...
-
-    def carry(
-        self, frame: Frame, layout: Any, reference: Frame, marked: Frame, words: IntArray
-    ) -> FloatArray:
-        """Take the moves of the first frame to another (`propagate` = "delta").
-
-        Parameters
-        ----------
-        reference, marked : Frame
-            The first frame before and after.
-        words : (carriers, n_chips) int
-            The code word, +-1, each carrier was marked with.
-        """
-        ...
-
-
-@runtime_checkable
-class Attack(Protocol):
-    """Treats an animation as a thief, a pipeline or an accident would."""
-
-    def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
-        """Return the attacked animation; the given one is left alone."""
-        ...
 
 
 class Factory(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -28,26 +28,6 @@ from meshmark.version import __version__
 Progress = Callable[[str, str, int, int], None]
 
 TARGET_FPR = 1e-6
-
-
-@dataclass(frozen=True)
-class Published:
-    """What `mark_file` did.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        As written beside the output.
-    verdict : Verdict
-        What blind verification says of the written file; of the marked frames in memory after
-        a dry run.
-    skipped : tuple of (str, str)
-        Meshes that cannot hold a mark, and why.
-    """
-
-    manifest: Manifest
-    verdict: Verdict
-    skipped: tuple[tuple[str, str], ...]
 
 
 def mark_file(
@@ -94,42 +74,15 @@ def mark_file(
     Returns
     -------
     Manifest
+        As written beside the output. It holds what blind verification says of the written
+        file (of the marked frames in memory after a dry run), and the meshes that cannot hold
+        a mark.
 
     Raises
     ------
     InputError, CapacityError, UsageError, OutputError
         Nothing is written then.
     """
-    return publish(
-        source,
-        output,
-        key,
-        recipe=recipe,
-        prims=prims,
-        frames=frames,
-        recipient=recipient,
-        deliver=deliver,
-        dry_run=dry_run,
-        jobs=jobs,
-        progress=progress,
-    ).manifest
-
-
-def publish(
-    source: str | Path,
-    output: str | Path,
-    key: Key,
-    *,
-    recipe: Recipe | None = None,
-    prims: Sequence[str] = (),
-    frames: str | None = None,
-    recipient: str | None = None,
-    deliver: bool = False,
-    dry_run: bool = False,
-    jobs: int = 1,
-    progress: Progress | None = None,
-) -> Published:
-    """Do what `mark_file` does, and return the verdict beside the manifest."""
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")
     target = Path(output)
@@ -187,10 +140,10 @@ def publish(
         },
     }
     if dry_run:
-        return Published(Manifest(document), verdict, skipped)
+        return Manifest(document)
     path = manifest_path(target)
     write_json(document, path)
-    return Published(Manifest(document, path), verdict, skipped)
+    return Manifest(document, path)
 
 
 def split_in_place(asset: Asset) -> tuple[Asset, tuple[tuple[str, str], ...]]:

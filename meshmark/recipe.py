@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark.hookspecs import GeodesicSolver, Scheme, Segmenter
+from meshmark.interfaces import GeodesicSolver, Scheme, Segmenter
 from meshmark.plugins import Offer, catalogue, check_parameters, make_segmenter
 
 DEFAULT_SCHEME = "tsai2014"

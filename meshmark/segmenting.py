@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Asset, Frame
 from meshmark.errors import UsageError
-from meshmark.hookspecs import Segmenter
+from meshmark.interfaces import Segmenter
 from meshmark.plugins import catalogue, make_segmenter
 from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.hookspecs import GeodesicSolver, Scheme, Segmenter
+from meshmark.interfaces import GeodesicSolver, Scheme, Segmenter
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe, SolverFactory
 

@@ -46,13 +46,13 @@ def embed(
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
     from meshmark.parallel import default_jobs
-    from meshmark.publishing import publish
+    from meshmark.publishing import mark_file
     from meshmark.recipe import recipe_from_text
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings, strength)
     secret = load_key(key)
     with frame_progress() as progress:
-        published = publish(
+        manifest = mark_file(
             source,
             output,
             secret,
@@ -65,19 +65,19 @@ def embed(
             jobs=default_jobs(),
             progress=progress,
         )
-    document = published.manifest.document
+    document = manifest.document
     if json:
         put_json(document)
     _tell(document, dry_run)
-    for skipped, reason in published.skipped:
-        warn(f"{skipped}: not marked: {reason}")
-    marked = published.verdict.verdict == "marked"
-    if not marked:
+    for skipped in document["skipped"]:
+        warn(f"{skipped['prim']}: not marked: {skipped['reason']}")
+    found = document["verification"]
+    if found["verdict"] != "marked":
         warn(
-            f"what was written verifies with log10 p {published.verdict.log10_p:.2f} only: "
-            f"{published.verdict.verdict} at {document['verification']['fpr']:g}"
+            f"what was written verifies with log10 p {found['log10_p']:.2f} only: "
+            f"{found['verdict']} at {found['fpr']:g}"
         )
-    if published.skipped or published.verdict.verdict == "not marked":
+    if document["skipped"] or found["verdict"] == "not marked":
         raise typer.Exit(NOT_ALL_MARKED)
 
 

@@ -13,7 +13,7 @@ from meshmark.demo import write_creature
 from meshmark.errors import OutputError
 from meshmark.keys import Key
 from meshmark.plugins import make_attack
-from meshmark.publishing import Progress, publish
+from meshmark.publishing import Progress, mark_file
 from meshmark.recipe import Recipe
 from meshmark.sources import read
 from meshmark.verdict import Verdict
@@ -58,8 +58,8 @@ def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterat
     key = _key(folder / "studio.key")
     yield f"The studio's key is {folder / 'studio.key'} (id {key.id})."
     start = time.perf_counter()
-    published = publish(original, marked, key, jobs=jobs, progress=progress)
-    [prim] = published.manifest["prims"]
+    manifest = mark_file(original, marked, key, jobs=jobs, progress=progress)
+    [prim] = manifest["prims"]
     found = prim["distortion"]
     yield (
         f"Marked in {time.perf_counter() - start:.1f} s: {marked} moves points by "

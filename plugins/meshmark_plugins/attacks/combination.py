@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
-from meshmark.hookspecs import Attack
+from meshmark.interfaces import Attack
 from meshmark.plugins import catalogue, check_parameters
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meshmark.animation import Frame
 from meshmark.carrier import Carrier
 from meshmark.errors import CapacityError, UsageError
-from meshmark.hookspecs import GeodesicSolver, Segmenter
+from meshmark.interfaces import GeodesicSolver, Segmenter
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import Part, split
 
