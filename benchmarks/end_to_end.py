@@ -30,8 +30,6 @@ SOURCES = (
     ("horse", "horse-gallop.usdc", "horse.usda"),
     ("horse, OBJ frames", "horse-gallop-obj", "horse-obj"),
     ("elephant", "elephant-gallop.usdc", "elephant.usdc"),
-    ("samba", "samba.usdc", "samba.usdc"),
-    ("pcow", "pcow.usdc", "pcow.usdc"),
 )
 
 

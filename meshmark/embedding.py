@@ -33,7 +33,7 @@ OVERSHOOT = 1.15
 # A chip that keeps more than this share of its shortfall through a round is given up.
 STALLED = 0.97
 # Share of its strength that a chip must keep through the rehearsed smoothing.
-REHEARSED = 0.9
+REHEARSED = 0.6
 LAYOUT_ROUNDS = 3
 # Share of its evidence that blind detection must find for a layout to count as settled.
 SETTLED = 0.9

@@ -11,12 +11,13 @@ import pytest
 
 from meshmark.benchmarking.benchmark import benchmark_key
 from meshmark.benchmarking.cells import describe
+from meshmark.benchmarking.command import command_of
 from meshmark.benchmarking.page import page_of
 from meshmark.benchmarking.plots import can_plot, draw_plots
 from meshmark.benchmarking.report import Outcome, document_of, failures
 from meshmark.benchmarking.store import Store
 from meshmark.benchmarking.subjects import Subject
-from meshmark.benchmarking.suites import Cell, Suite
+from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.evidence import Evidence
@@ -114,6 +115,24 @@ def test_distortion_is_compared_over_the_diagonal(document) -> None:
 def test_the_static_protocol_is_not_held_against_the_paper(document) -> None:
     made = document((STATIC, result(0.5, 0.5), UNMARKED), (NOISE, result(0.5, 0.5), UNMARKED))
     assert [row["paper"] is None for row in made["rows"]] == [True, False]
+
+
+def test_the_page_gives_the_command_that_makes_it(document) -> None:
+    plain = document((NOISE, result(0.0, 0.0), UNMARKED))
+    start = "meshmark bench horse-gallop.usdc --suite tsai2014 --scheme tsai2014 "
+    assert command_of(plain) == start + "--seed 0 -o FOLDER"
+    extra = cell_from_text("cropping:share=0.4,direction=0;1;0")
+    recipe = Recipe("tsai2014", settings={"tsai2014": {"bits": 24}, "sdf": {"rays": 36}})
+    told = {
+        **document((NOISE, result(0.0, 0.0), UNMARKED), (extra, result(0.0, 0.0), UNMARKED)),
+        "schemes": [recipe.as_json()],
+        "frames": "1:9:2",
+    }
+    assert command_of(told) == (
+        start + "--set tsai2014.bits=24 --set sdf.rays=36 "
+        "--attack 'cropping:share=0.4,direction=0;1;0' --frames 1:9:2 --seed 0 -o FOLDER"
+    )
+    assert f"$ {command_of(told)}" in page_of(told)
 
 
 def test_repeated_frames_are_told(document) -> None:

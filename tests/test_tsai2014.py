@@ -111,6 +111,15 @@ def test_chips_are_zero_at_the_centre_of_a_set() -> None:
     assert np.all(chips.count == 10)
 
 
+def test_the_set_in_which_distances_begin_is_an_erasure_unless_it_is_filled() -> None:
+    from meshmark_plugins.schemes.tsai2014.scheme import _truncated
+
+    assert _truncated(np.array([2.5, 2.9, 3.5, 15.0])) == 2
+    assert _truncated(np.array([2.1, 2.9, 3.5, 15.0])) == -1
+    # A distance of exactly 3 is the upper end of set 2, and alone there.
+    assert _truncated(np.array([3.0, 3.1])) == 2
+
+
 def test_neighbours_uphill_and_downhill() -> None:
     d = np.array([0.0, 1.0, 3.0, 2.0])
     E = np.array([[0, 1], [1, 2], [1, 3], [2, 3]])

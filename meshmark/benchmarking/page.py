@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from meshmark.benchmarking.command import command_of
 from meshmark.benchmarking.paper import DISTORTION_DIGIT, ERROR_DIGIT, worse
 from meshmark.benchmarking.report import failures
 
@@ -44,21 +45,6 @@ def page_of(document: Mapping[str, Any], plots: Sequence[str] = ()) -> str:
         *_plots(plots),
     ]
     return "\n\n".join(sections) + "\n"
-
-
-def command_of(document: Mapping[str, Any]) -> str:
-    """Put together the command that makes a report like this one."""
-    words = ["meshmark bench", *(_source(asset) for asset in document["assets"])]
-    words += [f"--suite {document['suite']}"]
-    words += [f"--scheme {recipe['scheme']['name']}" for recipe in document["schemes"]]
-    if document["frames"] is not None:
-        words.append(f"--frames {document['frames']}")
-    return " ".join([*words, f"--seed {document['seed']}", "-o FOLDER"])
-
-
-def _source(asset: Row) -> str:
-    files = [str(file["file"]) for file in asset["files"]]
-    return files[0] if len(files) == 1 else str(asset["asset"])
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
