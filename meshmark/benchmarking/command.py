@@ -1,0 +1,65 @@
+"""The command that makes a report, put together from the report."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from typing import Any
+
+from meshmark.benchmarking.suites import SUITES
+from meshmark.errors import UsageError
+from meshmark.plugins import catalogue
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+
+_DEFAULTS = {"segmenter": DEFAULT_SEGMENTER, "geodesic": DEFAULT_GEODESIC}
+
+
+def command_of(document: Mapping[str, Any]) -> str:
+    """Put together the command, with sources by their names alone, and only what is no default."""
+    words = ["meshmark", "bench", *(_source(asset) for asset in document["assets"])]
+    words += ["--suite", str(document["suite"])]
+    recipes = document["schemes"]
+    for recipe in recipes:
+        words += ["--scheme", recipe["scheme"]["name"]]
+    for kind, usual in _DEFAULTS.items():
+        if recipes[0][kind]["name"] != usual:
+            words += [f"--{kind}", recipes[0][kind]["name"]]
+    for setting in dict.fromkeys(text for recipe in recipes for text in _settings(recipe)):
+        words += ["--set", setting]
+    for attack in _extra_attacks(document):
+        words += ["--attack", attack]
+    if document["frames"] is not None:
+        words += ["--frames", document["frames"]]
+    words += ["--seed", str(document["seed"]), "-o", "FOLDER"]
+    return shlex.join(words)
+
+
+def _source(asset: Mapping[str, Any]) -> str:
+    files = [str(file["file"]) for file in asset["files"]]
+    return files[0] if len(files) == 1 else str(asset["asset"])
+
+
+def _settings(recipe: Mapping[str, Any]) -> list[str]:
+    found = []
+    for kind, plugin in recipe.items():
+        try:
+            usual = catalogue().find(kind, plugin["name"]).record.parameters
+        except UsageError:  # a report of somewhere else, where other plugins are installed
+            usual = {}
+        found += [
+            f"{plugin['name']}.{name}={value}"
+            for name, value in plugin["parameters"].items()
+            if usual.get(name) != value
+        ]
+    return found
+
+
+def _extra_attacks(document: Mapping[str, Any]) -> list[str]:
+    """List the rows that are not the suite's: their labels are what was typed."""
+    suite = SUITES.get(str(document["suite"]))
+    own = set() if suite is None else {cell.label for cell in suite.cells}
+    return [
+        label
+        for label in dict.fromkeys(row["label"] for row in document["rows"])
+        if label not in own
+    ]
