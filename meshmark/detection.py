@@ -114,6 +114,7 @@ def extract(
         value=np.array([item.value for item in chips]),
         held=np.array([item.held for item in chips]),
         strength=scheme.strength,
+        tracked=animation.constant_topology,
     )
 
 

@@ -40,6 +40,9 @@ class Evidence:
         False for erasures.
     strength : float
         Statistic at which a chip counts in full.
+    tracked : bool
+        Whether a carrier is the same in all frames because its vertices are. If not, carriers
+        of different frames were matched by their shape, which can go wrong.
     """
 
     prim: str
@@ -49,6 +52,7 @@ class Evidence:
     value: FloatArray
     held: BoolArray
     strength: float
+    tracked: bool = True
 
     @property
     def per_frame(self) -> FloatArray:
@@ -149,14 +153,30 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
 
     Erasures are neither right nor wrong: they leave the numerator and the denominator. A part
     that decides less than half of its bits in a frame is left out of that frame.
+
+    Which part holds which word is told by all frames together, where vertices keep their
+    identity. Where they do not, each frame is taken by itself: a part of one frame need not
+    be there in another.
     """
-    _, C, K = evidence.value.shape
+    if evidence.tracked or len(words) == 1:
+        return _bit_errors(evidence.pooled, evidence.value, evidence.held, words)
+    frames = zip(evidence.per_frame, evidence.value, evidence.held, strict=True)
+    alone = [_bit_errors(S, value[None], held[None], words) for S, value, held in frames]
+    return BitErrors(
+        per_frame=np.concatenate([errors.per_frame for errors in alone]),
+        best_part=np.concatenate([errors.best_part for errors in alone]),
+    )
+
+
+def _bit_errors(S: FloatArray, value: FloatArray, held: BoolArray, words: IntArray) -> BitErrors:
+    """Compare bits with the words as the evidence S (C, K) gives them to the parts."""
+    C, K = S.shape
     if len(words) == 1:
         carriers, of = np.arange(C), np.zeros(C, dtype=np.int64)
     else:
-        carriers, of = linear_sum_assignment(evidence.pooled @ words.T, maximize=True)
-    held = evidence.held[:, carriers]
-    wrong = held & (np.sign(evidence.value[:, carriers]) != words[of])
+        carriers, of = linear_sum_assignment(S @ words.T, maximize=True)
+    held = held[:, carriers]
+    wrong = held & (np.sign(value[:, carriers]) != words[of])
     decided = held.sum(axis=2)
     counts = decided >= DECIDED_SHARE * K
     rate = np.where(counts, wrong.sum(axis=2) / np.maximum(decided, 1), np.inf)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,18 @@ def test_bit_errors_take_the_best_part_of_each_frame() -> None:
     np.testing.assert_allclose(errors.per_frame, [2 / 16, 0.0])
     assert errors.average == pytest.approx(1 / 16)
     assert errors.maximum == pytest.approx(2 / 16)
+
+
+def test_untracked_frames_are_taken_each_by_itself() -> None:
+    words = KEY.words("tsai2014", 4, 16)
+    item = evidence(words[:2], frames=4, n_words=4)
+    # In every second frame, the first carrier turns out to be another part.
+    item.value[1::2, 0] = 0.05 * words[2]
+    item.value[1::2, 1] = 0.05 * words[3]
+    item.value[0::2, 1, :3] *= -1
+    tracked, untracked = bit_errors(item, words), bit_errors(replace(item, tracked=False), words)
+    np.testing.assert_allclose(untracked.per_frame, 0.0)
+    assert tracked.maximum > 0.2
 
 
 def test_erasures_count_neither_way_and_mostly_erased_parts_not_at_all() -> None:
