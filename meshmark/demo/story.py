@@ -62,7 +62,7 @@ def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterat
     [prim] = manifest["prims"]
     found = prim["distortion"]
     yield (
-        f"Marked in {time.perf_counter() - start:.1f} s: {marked} moves points by "
+        f"Marked in {time.perf_counter() - start:.1f} s: {marked} moves the surface by "
         f"{found['mrms_rel']:.1e} of the creature's size (MRMS), {found['hausdorff_rel']:.1e} "
         "where it shows most, and turns "
         f"{found['flipped_faces']:g} faces over."
