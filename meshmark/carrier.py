@@ -60,6 +60,36 @@ class Chips:
         return self.count > 0
 
 
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What one frame says, under every hypothesis about how it is to be read.
+
+    Parameters
+    ----------
+    soft : (R, C, K) float64
+        Evidence of the K chips of C carriers in [-1, 1], for each of R readings; 0 for an
+        erasure, which says neither +1 nor -1. Measured without any key.
+    log_prior : (R,) float64
+        Natural logarithm of the belief in each reading; the exponentials sum to at most 1.
+    descriptors : (C, m) float64
+        Shapes of the carriers, by which they are told apart between frames.
+    vertices : (C,) int or None
+        Vertex at which each carrier stands, where it stands at one.
+    """
+
+    soft: FloatArray
+    log_prior: FloatArray
+    descriptors: FloatArray
+    vertices: IntArray | None = None
+
+
+def sighting_of(carriers: Sequence[Carrier], strength: float) -> Sighting:
+    """Turn binned carriers into evidence: a chip counts in full from `strength` on."""
+    soft = np.clip(measure(carriers).value / strength, -1.0, 1.0)
+    descriptors = np.array([carrier.descriptor for carrier in carriers])
+    return Sighting(soft[None], np.zeros(1), descriptors)
+
+
 def measure(carriers: Sequence[Carrier]) -> Chips:
     """Measure the chips of a frame's carriers, all of which have the same number of bins."""
     rows = [_measure_one(carrier) for carrier in carriers]

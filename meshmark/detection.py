@@ -4,75 +4,194 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
-from meshmark.animation import MeshAnimation
-from meshmark.carrier import Carrier, Chips, measure
+from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
+from meshmark.animation import Frame, MeshAnimation
+from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError
-from meshmark.evidence import Evidence
-from meshmark.interfaces import Scheme
+from meshmark.evidence import Evidence, Strand
+from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.parallel import ordered_map
+from meshmark.restoration import unsmooth
 from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
+# Belief that nothing was smoothed; the rest is shared by the restorations a scheme asks for.
+UNTOUCHED = 0.5
 
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """The carriers of one frame: their chips, and the shapes they are told apart by."""
-
-    chips: Chips
-    descriptors: FloatArray
+Sightings = tuple[Sighting | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
-    """Measures frames whose vertices keep their identity: one layout serves them all."""
+class Observer:
+    """Measures frame after frame of an animation, each as it stands and restored.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        The copy.
+    scheme : Scheme or JointScheme
+        What is measured.
+    restorations : tuple of int
+        Iterations of smoothing to undo; 0 for the frame as it stands.
+    reference : int
+        Frame whose layout vertex trajectories carry to the others.
+    """
 
     animation: MeshAnimation
-    scheme: Scheme
-    welding: Welding
-    layout: Any
+    scheme: AnyScheme
+    restorations: tuple[int, ...]
+    reference: int
 
-    def __call__(self, index: int) -> Sighting:
-        """Measure frame `index`."""
-        frame = self.welding.frame(self.animation[index])
-        return _sight(self.scheme.carriers(frame, self.layout))
+    @cached_property
+    def welding(self) -> Welding | None:
+        """The analysed mesh, where all frames share one."""
+        tracked = self.animation.constant_topology
+        return Welding.of(self.animation[self.reference]) if tracked else None
 
+    @cached_property
+    def layouts(self) -> dict[int, Any]:
+        """What the scheme's trajectories carry, for each restoration."""
+        frame = self.animation[self.reference]
+        scheme = self.scheme
+        if self.welding is None or isinstance(scheme, JointScheme):
+            return {}
+        return {n: scheme.layout(self.welding.frame(unsmooth(frame, n))) for n in self.restorations}
 
-@dataclass(frozen=True, eq=False)
-class Untracked:
-    """Measures frames whose connectivity changes: each is laid out by itself."""
-
-    animation: MeshAnimation
-    scheme: Scheme
-
-    def __call__(self, index: int) -> Sighting | None:
-        """Measure frame `index`; None if nothing is found in it."""
+    def __call__(self, index: int) -> Sightings:
+        """Measure frame `index` under every restoration; None where nothing is found."""
         frame = self.animation[index]
+        return tuple(self._sight(unsmooth(frame, n), n) for n in self.restorations)
+
+    def _sight(self, frame: Frame, restored: int) -> Sighting | None:
+        scheme = self.scheme
+        if self.welding is not None and not isinstance(scheme, JointScheme):
+            layout = self.layouts[restored]
+            analysed = self.welding.frame(frame)
+            return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
         try:
-            analysed = Welding.of(frame).frame(frame)
-            return _sight(self.scheme.carriers(analysed, self.scheme.layout(analysed)))
+            analysed = (self.welding or Welding.of(frame)).frame(frame)
+            if isinstance(scheme, JointScheme):
+                return scheme.sight(analysed)
+            layout = scheme.layout(analysed)
+            return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
         except CapacityError:
             return None
 
 
-def _sight(carriers: Sequence[Carrier]) -> Sighting:
-    return Sighting(measure(carriers), np.array([carrier.descriptor for carrier in carriers]))
+class Extraction:
+    """Evidence of one mesh, gathered frame by frame: looking at more frames costs only those.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        The copy.
+    scheme : Scheme or JointScheme
+        What is measured.
+    scheme_name : str
+        Its name, by which keys derive words.
+    jobs : int
+        Worker processes.
+    """
+
+    def __init__(
+        self, animation: MeshAnimation, scheme: AnyScheme, scheme_name: str, *, jobs: int = 1
+    ) -> None:
+        self.animation, self.scheme, self.name, self.jobs = animation, scheme, scheme_name, jobs
+        self._seen: dict[tuple[int, int], Sighting | None] = {}
+
+    @property
+    def restorations(self) -> tuple[int, ...]:
+        """Every hypothesis of smoothing the scheme wants undone, 0 first."""
+        return self.scheme.restorations if isinstance(self.scheme, JointScheme) else (0,)
+
+    def look(
+        self,
+        frames: Sequence[int],
+        restorations: tuple[int, ...] | None = None,
+        progress: Progress | None = None,
+    ) -> Evidence:
+        """Measure the frames that were not yet, and return the evidence of them all.
+
+        Raises
+        ------
+        CapacityError
+            If the scheme finds no carrier in any of the frames.
+        InputError
+            If a frame cannot be read.
+        """
+        wanted = self.restorations if restorations is None else restorations
+        missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
+        new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
+        done = len(frames) - len(missing)
+        try:
+            if missing:
+                observer = Observer(self.animation, self.scheme, new, frames[0])
+                for t, sightings in zip(
+                    missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
+                ):
+                    self._seen.update({(t, n): s for n, s in zip(new, sightings, strict=True)})
+                    done += 1
+                    if progress is not None:
+                        progress(done, len(frames))
+            strands = tuple(self._strand(frames, n, len(wanted)) for n in wanted)
+        except CapacityError as error:
+            raise CapacityError(
+                error.message, source=self.animation.origin, prim=self.animation.prim
+            ) from None
+        kept = tuple(strand for strand in strands if strand is not None)
+        if not kept or kept[0].restored != 0:
+            raise CapacityError(
+                "no carrier is found in any frame",
+                source=self.animation.origin,
+                prim=self.animation.prim,
+            )
+        return Evidence(
+            prim=self.animation.prim,
+            scheme=self.name,
+            n_words=self.scheme.n_words,
+            times=self.animation.times[list(frames)],
+            strands=kept,
+            tracked=self.animation.constant_topology,
+        )
+
+    def _strand(self, frames: Sequence[int], restored: int, n_wanted: int) -> Strand | None:
+        sightings = [self._seen[t, restored] for t in frames]
+        if all(sighting is None for sighting in sightings):
+            return None
+        soft, log_prior = aligned(sightings, self._matcher(frames))
+        return Strand.of(soft, log_prior, restored, self._log_belief(restored))
+
+    def _log_belief(self, restored: int) -> float:
+        others = len(self.restorations) - 1
+        if others == 0:
+            return 0.0
+        belief = UNTOUCHED if restored == 0 else (1.0 - UNTOUCHED) / others
+        return float(np.log(belief))
+
+    def _matcher(self, frames: Sequence[int]) -> Matcher:
+        if not self.animation.constant_topology:
+            return by_looks
+        if not isinstance(self.scheme, JointScheme):
+            # Trajectories keep carriers in one order; matching alike ones could only mix them up.
+            return in_order
+        first = self.animation[frames[0]]
+        return by_place(Welding.of(first).frame(first).points)
 
 
 def extract(
     animation: MeshAnimation,
-    scheme: Scheme,
+    scheme: AnyScheme,
     scheme_name: str,
     *,
-    frames: tuple[int, ...] | None = None,
+    frames: Sequence[int] | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Evidence:
@@ -80,7 +199,7 @@ def extract(
 
     Parameters
     ----------
-    frames : tuple of int, optional
+    frames : sequence of int, optional
         Indices of the frames to look at; all by default.
 
     Raises
@@ -90,72 +209,5 @@ def extract(
     InputError
         If a frame cannot be read.
     """
-    chosen = tuple(range(len(animation))) if frames is None else frames
-    try:
-        work = _observer(animation, scheme, chosen[0])
-        found: list[Sighting | None] = []
-        for sighting in ordered_map(work, chosen, jobs=jobs):
-            found.append(sighting)
-            if progress is not None:
-                progress(len(found), len(chosen))
-        # Trajectories keep carriers in one order; matching alike ones could only mix them up.
-        chips = (
-            [sighting.chips for sighting in found if sighting is not None]
-            if animation.constant_topology
-            else aligned(found)
-        )
-    except CapacityError as error:
-        raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
-    return Evidence(
-        prim=animation.prim,
-        scheme=scheme_name,
-        n_words=scheme.n_words,
-        times=animation.times[list(chosen)],
-        value=np.array([item.value for item in chips]),
-        held=np.array([item.held for item in chips]),
-        strength=scheme.strength,
-        tracked=animation.constant_topology,
-    )
-
-
-def _observer(
-    animation: MeshAnimation, scheme: Scheme, first: int
-) -> Callable[[int], Sighting | None]:
-    if not animation.constant_topology:
-        return Untracked(animation, scheme)
-    frame = animation[first]
-    welding = Welding.of(frame)
-    return Tracked(animation, scheme, welding, scheme.layout(welding.frame(frame)))
-
-
-def aligned(sightings: Sequence[Sighting | None]) -> list[Chips]:
-    """Put the carriers of every frame into the order of the frame that shows the most.
-
-    Carriers are matched by their descriptors, one to one, at the least total difference. That
-    needs no key, so a wrong match costs evidence but never honesty.
-
-    Returns
-    -------
-    list of Chips
-        All of the same shape; a carrier missing from a frame is all erasures there.
-
-    Raises
-    ------
-    CapacityError
-        If no frame shows any carrier.
-    """
-    seen = [sighting for sighting in sightings if sighting is not None]
-    if not seen:
-        raise CapacityError("no carrier is found in any frame")
-    reference = max(seen, key=lambda sighting: len(sighting.descriptors))
-    return [_align(sighting, reference) for sighting in sightings]
-
-
-def _align(sighting: Sighting | None, reference: Sighting) -> Chips:
-    value = np.zeros_like(reference.chips.value)
-    count = np.zeros_like(reference.chips.count)
-    if sighting is not None:
-        cost = cdist(sighting.descriptors, reference.descriptors)
-        own, theirs = linear_sum_assignment(cost)
-        value[theirs], count[theirs] = sighting.chips.value[own], sighting.chips.count[own]
-    return Chips(value, count)
+    chosen = range(len(animation)) if frames is None else frames
+    return Extraction(animation, scheme, scheme_name, jobs=jobs).look(chosen, progress=progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,7 @@ from scipy.sparse import csr_matrix
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
-from meshmark.interfaces import Scheme
+from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
 from meshmark.keys import Key
 from meshmark.parallel import ordered_map
 from meshmark.restraint import restrain
@@ -98,7 +99,7 @@ class Embedded:
 
 def embed_animation(
     animation: MeshAnimation,
-    scheme: Scheme,
+    scheme: AnyScheme,
     scheme_name: str,
     key: Key,
     *,
@@ -133,26 +134,70 @@ def embed_animation(
         )
     chosen = tuple(range(len(animation))) if frames is None else frames
     words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
-    first = animation[chosen[0]]
     try:
-        plan = settle(first, scheme, words, key.generator(f"embed/{scheme_name}"))
+        work: MarkFrame | MarkPlanned
+        if isinstance(scheme, JointScheme):
+            work = plan_jointly(animation.select(chosen), scheme, words, jobs)
+        else:
+            generator = key.generator(f"embed/{scheme_name}")
+            work = MarkFrame(
+                animation.select(chosen), settle(animation[chosen[0]], scheme, words, generator)
+            )
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
-    scratch = ScratchFile.create(first.topology.n_points)
-    scratch.write(len(animation) - 1, np.zeros_like(first.points))
-    work = MarkFrame(animation, plan)
-    for done, (index, displacement) in enumerate(_marked(work, chosen, jobs), start=1):
+    n_points = animation[chosen[0]].topology.n_points
+    scratch = ScratchFile.create(n_points)
+    scratch.write(len(animation) - 1, np.zeros((n_points, 3)))
+    displacements = ordered_map(work, range(len(chosen)), jobs=jobs)
+    for done, (index, displacement) in enumerate(zip(chosen, displacements, strict=True), start=1):
         scratch.write(index, displacement)
         if progress is not None:
             progress(done, len(chosen))
     marked = replace(animation, source=DisplacedFrames(animation.source, scratch))
-    return Embedded(marked, chosen, len(plan.words))
+    return Embedded(marked, chosen, work.carriers)
 
 
-def _marked(
-    work: MarkFrame, chosen: tuple[int, ...], jobs: int
-) -> Iterator[tuple[int, FloatArray]]:
-    return zip(chosen, ordered_map(work, chosen, jobs=jobs), strict=True)
+def plan_jointly(
+    animation: MeshAnimation, scheme: JointScheme, words: IntArray, jobs: int
+) -> MarkPlanned:
+    """Let a joint scheme plan all frames of an animation, as analysis sees them."""
+    welding = Welding.of(animation[0])
+    plan = scheme.plan(animation.map(welding.frame), words, jobs=jobs)
+    return MarkPlanned(animation, welding, plan)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkPlanned:
+    """Marks frame after frame of an animation by a joint scheme's plan."""
+
+    animation: MeshAnimation
+    welding: Welding
+    plan: MarkingPlan
+
+    @property
+    def carriers(self) -> int:
+        """Number of carriers."""
+        return self.plan.carriers
+
+    def __call__(self, index: int) -> FloatArray:
+        """Return the displacement (N, 3) of every point of frame `index`."""
+        with _naming(self.animation, index):
+            analysed = self.welding.frame(self.animation[index])
+            return self.welding.spread(self.plan.mark(index, analysed) - analysed.points)
+
+
+@contextmanager
+def _naming(animation: MeshAnimation, index: int) -> Iterator[None]:
+    """Name file, prim and frame in whatever goes wrong with a frame."""
+    try:
+        yield
+    except MeshmarkError as error:
+        raise type(error)(
+            error.message,
+            source=animation.origin,
+            prim=animation.prim,
+            time=float(animation.times[index]),
+        ) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,19 +207,16 @@ class MarkFrame:
     animation: MeshAnimation
     plan: Plan
 
+    @property
+    def carriers(self) -> int:
+        """Number of carriers."""
+        return len(self.plan.words)
+
     def __call__(self, index: int) -> FloatArray:
         """Return the displacement (N, 3) of every point of frame `index`."""
-        frame = self.animation[index]
-        try:
-            analysed = self.plan.welding.frame(frame)
+        with _naming(self.animation, index):
+            analysed = self.plan.welding.frame(self.animation[index])
             return self.plan.welding.spread(mark(analysed, self.plan) - analysed.points)
-        except MeshmarkError as error:
-            raise type(error)(
-                error.message,
-                source=self.animation.origin,
-                prim=self.animation.prim,
-                time=frame.time,
-            ) from None
 
 
 def settle(first: Frame, scheme: Scheme, words: IntArray, generator: np.random.Generator) -> Plan:

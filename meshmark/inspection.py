@@ -9,6 +9,7 @@ import numpy as np
 from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError
+from meshmark.interfaces import JointScheme
 from meshmark.recipe import Recipe
 from meshmark.validation import check
 from meshmark.welding import Welding
@@ -60,13 +61,16 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         entry["parts"] = count_parts(first, recipe)
         if not animation.constant_topology:
             raise InputError("the connectivity changes over time")
-        evidence = extract(animation, recipe.build(), recipe.scheme, frames=(0,))
+        scheme = recipe.build()
+        if isinstance(scheme, JointScheme):
+            scheme.require_capacity(animation.map(Welding.of(first).frame), jobs=1)
+        evidence = extract(animation, scheme, recipe.scheme, frames=(0,))
     except (CapacityError, InputError) as error:
         return {**entry, "reason": error.message}
     return {
         **entry,
         "can_hold": True,
-        "carriers": evidence.value.shape[1],
+        "carriers": evidence.carriers,
         "chips": evidence.chips,
         "reachable_log10_p": evidence.reachable_log10_p,
     }

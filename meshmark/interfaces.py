@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Asset, Frame, MeshAnimation
-from meshmark.carrier import Carrier
+from meshmark.carrier import Carrier, Sighting
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -171,6 +171,87 @@ class Scheme(Protocol):
             The code word, +-1, each carrier was marked with.
         """
         ...
+
+
+class MarkingPlan(Protocol):
+    """How a joint scheme will mark one animation; must pickle, for worker processes.
+
+    Attributes
+    ----------
+    carriers : int
+        Number of carriers it marks.
+    """
+
+    carriers: int
+
+    def mark(self, index: int, frame: Frame) -> FloatArray:
+        """Return the marked positions (N, 3) of frame `index` of the planned animation.
+
+        No face may turn over: see `meshmark.restraint`.
+        """
+        ...
+
+
+@runtime_checkable
+class JointScheme(Protocol):
+    """Finds its carriers in every frame anew, and marks all frames by one plan.
+
+    For schemes whose frames must agree with each other. One that binned carriers and moves say
+    all about is better off as a `Scheme`, whose closed loop is the core's.
+
+    Attributes
+    ----------
+    n_chips : int
+        Chips of one carrier.
+    n_words : int
+        Code words, each for a carrier of its own.
+    restorations : tuple of int
+        Iterations of umbrella smoothing that are worth undoing before a look, 0 first.
+    """
+
+    n_chips: int
+    n_words: int
+    restorations: tuple[int, ...]
+
+    def sight(self, frame: Frame) -> Sighting:
+        """Measure a frame alone: every carrier, under every reading.
+
+        Raises
+        ------
+        CapacityError
+            If there is no carrier in it.
+        """
+        ...
+
+    def require_capacity(self, animation: MeshAnimation, *, jobs: int) -> None:
+        """Look, without a key, whether an animation could be marked.
+
+        Raises
+        ------
+        CapacityError
+            If it could not, with the reason and what to do.
+        """
+        ...
+
+    def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int) -> MarkingPlan:
+        """Decide how all frames of an animation of one topology are to be marked.
+
+        Parameters
+        ----------
+        words : (n_words, n_chips) int
+            The key's code words; carriers take them in order.
+        jobs : int
+            Worker processes that may be used.
+
+        Raises
+        ------
+        CapacityError
+            If the mesh is too small or too featureless, with the reason and what to do.
+        """
+        ...
+
+
+AnyScheme = Scheme | JointScheme
 
 
 @runtime_checkable

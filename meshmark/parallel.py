@@ -7,8 +7,8 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from typing import Any, TypeVar
+from contextlib import ExitStack, contextmanager
+from typing import Any, Generic, TypeVar
 
 from meshmark.errors import UsageError
 
@@ -16,7 +16,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 JOBS_VARIABLE = "MESHMARK_JOBS"
-# Starting a worker costs about as much as a few frames.
 FEWEST_FOR_WORKERS = 4
 
 
@@ -49,15 +48,47 @@ def ordered_map(
         Worker processes; 1 works in this process.
     """
     work = list(items)
-    n_jobs = min(default_jobs() if jobs is None else jobs, len(work))
-    if n_jobs <= 1 or len(work) < FEWEST_FOR_WORKERS:
-        yield from map(function, work)
-        return
-    with _pool(n_jobs, function) as pool:
+    n_jobs = default_jobs() if jobs is None else jobs
+    # Starting a worker costs about as much as a few frames.
+    with Workers(
+        function, min(n_jobs, len(work)) if len(work) >= FEWEST_FOR_WORKERS else 1
+    ) as workers:
+        yield from workers.map(work)
+
+
+class Workers(Generic[Item, Result]):
+    """Worker processes that stay, for work that comes in rounds; a context manager.
+
+    Parameters
+    ----------
+    function : callable
+        Picklable; sent to each worker once.
+    jobs : int
+        Worker processes; 1 works in this process.
+    """
+
+    def __init__(self, function: Callable[[Item], Result], jobs: int) -> None:
+        self._function, self._jobs = function, jobs
+        self._stack = ExitStack()
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Workers[Item, Result]:
+        if self._jobs > 1:
+            self._pool = self._stack.enter_context(_pool(self._jobs, self._function))
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    def map(self, items: Iterable[Item]) -> Iterator[Result]:
+        """Apply the function to items, which are consumed only as fast as results are taken."""
+        if self._pool is None:
+            yield from map(self._function, items)
+            return
         waiting: deque[Future[Any]] = deque()
-        for item in work:
-            waiting.append(pool.submit(_call, item))
-            if len(waiting) > 2 * n_jobs:
+        for item in items:
+            waiting.append(self._pool.submit(_call, item))
+            if len(waiting) > 2 * self._jobs:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()

@@ -66,8 +66,8 @@ def _scheme(offer: Offer) -> list[str]:
     solver = SolverFactory(DEFAULT_GEODESIC, {})
     scheme = offer.record.factory(segmenter=segmenter, solver=solver)
     evidence = extract(_animation(), scheme, offer.name)
-    if evidence.value.shape[2] != scheme.n_chips:
-        return [f"a carrier has {evidence.value.shape[2]} chips, not {scheme.n_chips}"]
+    if evidence.n_chips != scheme.n_chips:
+        return [f"a carrier has {evidence.n_chips} chips, not {scheme.n_chips}"]
     return []
 
 

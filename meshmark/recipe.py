@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark.interfaces import GeodesicSolver, Scheme, Segmenter
+from meshmark.interfaces import AnyScheme, GeodesicSolver, Segmenter
 from meshmark.plugins import Offer, catalogue, check_parameters, make_segmenter
 
-DEFAULT_SCHEME = "tsai2014"
+DEFAULT_SCHEME = "apex"
 DEFAULT_SEGMENTER = "sdf"
 DEFAULT_GEODESIC = "heat"
 
@@ -75,7 +75,7 @@ class Recipe:
             plugins.find("geodesic", self.geodesic),
         )
 
-    def build(self) -> Scheme:
+    def build(self) -> AnyScheme:
         """Make the scheme, with its segmenter and solver."""
         solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
         made = catalogue().make(
@@ -85,7 +85,7 @@ class Recipe:
             solver=solver,
             **self.settings.get(self.scheme, {}),
         )
-        return cast(Scheme, made)
+        return cast(AnyScheme, made)
 
     def build_segmenter(self) -> Segmenter:
         """Make the segmenter alone."""
@@ -113,9 +113,14 @@ def recipe_from_text(
     segmenter: str = DEFAULT_SEGMENTER,
     geodesic: str = DEFAULT_GEODESIC,
     settings: Sequence[str] = (),
-    strength: float | None = None,
+    own: Mapping[str, float | None] | None = None,
 ) -> Recipe:
     """Build a recipe from what was typed: `bits=16` is the scheme's, `sdf.rays=25` sdf's.
+
+    Parameters
+    ----------
+    own : mapping of str to float or None, optional
+        Parameters of the scheme that have flags of their own; None where the flag is not given.
 
     Raises
     ------
@@ -135,8 +140,9 @@ def recipe_from_text(
         plugin: {name: convert(offers[plugin], name, value) for name, value in given.items()}
         for plugin, given in typed.items()
     }
-    if strength is not None:
-        converted.setdefault(scheme, {})["strength"] = strength
+    for name, number in (own or {}).items():
+        if number is not None:
+            converted.setdefault(scheme, {})[name] = number
     return Recipe(scheme, segmenter, geodesic, converted)
 
 

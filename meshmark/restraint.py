@@ -19,8 +19,8 @@ HALVINGS = 6
 LEAST_COSINE = 0.25
 
 
-def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
-    """Shorten moves until none is longer than `REACH` edges, and no face of area turns over.
+def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH) -> FloatArray:
+    """Shorten moves until none is longer than `reach` edges, and no face of area turns over.
 
     Parameters
     ----------
@@ -28,6 +28,8 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
         Positions before and after.
     F : (F, 3) int
         Triangles.
+    reach : float
+        Longest move, in mean lengths of the vertex's edges; inf for any.
 
     Returns
     -------
@@ -35,9 +37,19 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
         Positions between `V` and `moved`: a long move is cut; the moves of an offending face's
         corners are halved a few times, then dropped.
     """
-    length = np.linalg.norm(moved - V, axis=1)
-    limit = REACH * mean_edge_lengths(V, F)
-    share = np.divide(limit, length, out=np.ones(len(V)), where=length > limit)
+    kept: FloatArray = V + allowed_shares(V, moved, F, reach)[:, None] * (moved - V)
+    return kept
+
+
+def allowed_shares(
+    V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
+) -> FloatArray:
+    """Share of its move that `restrain` leaves each vertex, (N,) float64 in [0, 1]."""
+    share = np.ones(len(V))
+    if np.isfinite(reach):
+        length = np.linalg.norm(moved - V, axis=1)
+        limit = reach * mean_edge_lengths(V, F)
+        share = np.divide(limit, length, out=share, where=length > limit)
     for _ in range(HALVINGS):
         corners = _offending_corners(V, V + share[:, None] * (moved - V), F)
         if corners.size == 0:
@@ -47,8 +59,7 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray) -> FloatArray:
     # vertices, and with none moved nothing offends.
     while (corners := _offending_corners(V, V + share[:, None] * (moved - V), F)).size:
         share[corners] = 0.0
-    kept: FloatArray = V + share[:, None] * (moved - V)
-    return kept
+    return share
 
 
 def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:

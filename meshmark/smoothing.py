@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
+
+from meshmark.animation import Topology
+from meshmark.topology import polygon_edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,6 +40,13 @@ def umbrella(E: IntArray, border: IntArray, n_points: int) -> csr_matrix:
     free[border] = False
     rows = np.where(free, 1.0 / np.maximum(degree, 1.0), 0.0)
     return csr_matrix(diags_array(rows) @ A - diags_array(free.astype(np.float64)))
+
+
+@lru_cache(maxsize=4)
+def polygon_umbrella(topology: Topology) -> csr_matrix:
+    """Build the umbrella operator along polygon edges; remembered for the topologies used last."""
+    E, uses = polygon_edges(topology.counts, topology.indices)
+    return umbrella(E, E[uses == 1].ravel(), topology.n_points)
 
 
 def smooth(V: FloatArray, L: csr_matrix, iterations: int, step: float = LAMBDA) -> FloatArray:

@@ -20,7 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
+
+from meshmark.assignments import mean_over_assignments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -28,6 +30,13 @@ IntArray = NDArray[np.int64]
 # Soft chips lie in [-1, 1]. In steps of two, no best l in between is missed by more than the
 # square root of two, and averaging over all eight costs log10(8) = 0.9 decades at the very most.
 TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
+
+# Belief that a carrier was destroyed.
+LOST = 0.15
+# Pairs of reading and tilt for which assignments are summed up.
+PROMISING = 24
+# Keys or recipients tried at once: bounds memory.
+AT_ONCE = 32
 
 # Up to here the exact tail is a table of 2^K sums; beyond, the e-value takes over.
 EXACT_CHIPS = 18
@@ -59,17 +68,17 @@ def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
     return result
 
 
-def mean_over_assignments(log_e: FloatArray) -> FloatArray:
-    """Log of the mean of prod e[c, word of c] over all injective assignments of words.
-
-    With more carriers than words, every choice of which carriers hold a word counts, and one
-    that holds none contributes 1. Distinct words are independent, so the product for one
-    assignment is an e-value and the mean over assignments is one.
+def word_log_e_means(S: FloatArray, log_prior: FloatArray, words: IntArray) -> FloatArray:
+    """Log e-value of words on evidence that can be read in several ways, all paid for.
 
     Parameters
     ----------
-    log_e : (..., C, M) float64
-        Log e-value of word m on carrier c.
+    S : (R, C, K) float64
+        Evidence under each of R readings.
+    log_prior : (R,) float64
+        Log belief in each reading; the exponentials sum to at most 1.
+    words : (..., M, K) int
+        A key's words; leading axes are keys or recipients.
 
     Returns
     -------
@@ -77,80 +86,62 @@ def mean_over_assignments(log_e: FloatArray) -> FloatArray:
 
     Notes
     -----
-    The sum is a permanent. A dynamic program over the subsets of used words takes
-    C M 2^M steps, done here for all leading axes at once.
+    Averaged over readings, tilts and assignments. A carrier that an attack destroyed may hold
+    nothing: it then costs `LOST`, not all of its noise. Assignments are summed up only for the
+    `PROMISING` pairs of reading and tilt; leaving out what adds nothing but positive terms
+    makes an e-value smaller, never dishonest.
     """
-    *lead, C, M = log_e.shape
-    table = np.full((*lead, 1 << M), -np.inf)
-    table[..., 0] = 0.0
-    masks = np.arange(1 << M)
-    for c in range(C):
-        grown = table.copy() if C > M else np.full_like(table, -np.inf)
-        for m in range(M):
-            free = masks[(masks >> m) & 1 == 0]
-            grown[..., free | (1 << m)] = np.logaddexp(
-                grown[..., free | (1 << m)], table[..., free] + log_e[..., c, m, None]
-            )
-        table = grown
-    used = min(C, M)
-    full = masks[_popcount(masks) == used]
-    total: FloatArray = logsumexp(table[..., full], axis=-1)
-    return total - log_assignments(C, M)
+    lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
+    means = [
+        _mean_of_readings(S, log_prior, flat[start : start + AT_ONCE])
+        for start in range(0, len(flat), AT_ONCE)
+    ]
+    return np.concatenate(means).reshape(lead)
 
 
-def log_assignments(n_carriers: int, n_words: int) -> float:
-    """Log of the number of ways to give words to carriers, each word at most once."""
-    more, fewer = max(n_carriers, n_words), min(n_carriers, n_words)
-    return float(gammaln(more + 1) - gammaln(more - fewer + 1))
+def _mean_of_readings(S: FloatArray, log_prior: FloatArray, words: IntArray) -> FloatArray:
+    R, C, _ = S.shape
+    M = words.shape[-2]
+    score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
+    null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1)
+    log_e = TILTS[:, None, None] * score[:, :, None] - null.transpose(1, 0, 2)[..., None]
+    log_e = np.logaddexp(np.log(LOST), np.log1p(-LOST) + log_e)
+    log_e = log_e.reshape(len(words), R * len(TILTS), C, M)
+    belief = np.repeat(log_prior, len(TILTS)) - np.log(len(TILTS))
+    promise = log_e.max(axis=-1).sum(axis=-1) + belief
+    chosen = np.argsort(-promise, axis=-1, kind="stable")[:, :PROMISING]
+    picked = np.take_along_axis(log_e, chosen[..., None, None], axis=1)
+    mean: FloatArray = logsumexp(mean_over_assignments(picked) + belief[chosen], axis=-1)
+    return mean
 
 
-def _popcount(masks: IntArray) -> IntArray:
-    bits = np.unpackbits(masks.astype(">u4").view(np.uint8).reshape(-1, 4), axis=1)
-    return bits.sum(axis=1).astype(np.int64)
-
-
-def log10_p_words(S: FloatArray, words: IntArray) -> FloatArray:
-    """Bound log10 of the probability that random words do as well, assignment paid for.
+def log10_p_words(
+    S: FloatArray, words: IntArray, log_prior: FloatArray | None = None
+) -> FloatArray:
+    """Bound log10 of the probability that random words do as well, every search paid for.
 
     Parameters
     ----------
-    S : (C, K) float64
-        Evidence.
+    S : (R, C, K) or (C, K) float64
+        Evidence, under each reading where there are several.
     words : (..., M, K) int
         The key's words; M = 1 means that all carriers share one word.
+    log_prior : (R,) float64, optional
+        Log belief in each reading; evenly shared by default.
 
     Returns
     -------
     (...) float64
         At most 0.
     """
-    n_words = words.shape[-2]
-    if n_words == 1:
-        return _log10_p_shared(S.sum(axis=0), words[..., 0, :])
-    log_e = word_log_e(S, words)
-    alike = _log_mean(_assigned(log_e), axis=-1)
-    apart = _assigned(_mixed(log_e))
-    return _markov(np.logaddexp(alike, apart) - np.log(2.0))
-
-
-def _assigned(log_e: FloatArray) -> FloatArray:
-    """Half a bet on the order in which words were given out, half on all assignments alike.
-
-    Carriers are listed largest first, and words were given to them in that order. Where an
-    attack left the order alone, finding the words again costs a factor of two.
-    """
-    used = np.arange(min(log_e.shape[-2:]))
-    in_order = log_e[..., used, used].sum(axis=-1)
-    return np.logaddexp(in_order, mean_over_assignments(log_e)) - np.log(2.0)
-
-
-def _mixed(log_e: FloatArray) -> FloatArray:
-    """Let every carrier have a tilt of its own, or hold nothing at all, (..., C, M).
-
-    Where an attack destroyed some carriers and spared others, one tilt for all would charge
-    the lost ones' noise to the others; this way a lost carrier costs a factor of two.
-    """
-    return np.logaddexp(0.0, _log_mean(log_e, axis=-3)) - np.log(2.0)
+    S = S[None] if S.ndim == 2 else S
+    prior = np.full(len(S), -np.log(len(S))) if log_prior is None else log_prior
+    if words.shape[-2] > 1:
+        return _markov(word_log_e_means(S, prior, words))
+    if len(S) == 1:
+        return _log10_p_shared(S[0].sum(axis=0), words[..., 0, :])
+    log_e = word_log_e(S.sum(axis=1)[:, None], words[..., None, :, :])[..., 0, 0]
+    return _markov(logsumexp(_log_mean(log_e, axis=-1) + prior, axis=-1))
 
 
 def _log_mean(log_e: FloatArray, axis: int) -> FloatArray:
@@ -208,7 +199,7 @@ def hoeffding_log10_p(S: FloatArray, word: IntArray) -> FloatArray:
     return -(score**2) / (2.0 * energy) / np.log(10.0)
 
 
-def reachable_log10_p(held: NDArray[np.bool_], n_words: int) -> float:
+def reachable_log10_p(held: NDArray[np.bool_], n_words: int, log_prior: float = 0.0) -> float:
     """Lowest log10 p that chips which are not erasures could give the best of keys.
 
     Parameters
@@ -217,12 +208,14 @@ def reachable_log10_p(held: NDArray[np.bool_], n_words: int) -> float:
         Which chips say something.
     n_words : int
         Number of words; 1 if shared.
+    log_prior : float
+        Log belief in the reading that shows them so.
     """
     if n_words == 1:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
-    # The best of keys gives the first carriers their words in order.
-    first = held[:n_words].sum(axis=1)
-    right = TILTS - log_cosh(TILTS)
-    alike = _log_mean(first.sum() * right, axis=0)
-    apart = (np.logaddexp(0.0, _log_mean(np.outer(right, first), axis=0)) - np.log(2.0)).sum()
-    return float(_markov(np.logaddexp(alike, apart) - 2.0 * np.log(2.0)))
+    # The best of keys gives the first carriers their words in order, and none fits another's.
+    C = min(len(held), n_words)
+    right = np.outer(TILTS - log_cosh(TILTS), held[:C].sum(axis=1))
+    log_e = np.full((len(TILTS), len(held), n_words), np.log(LOST))
+    log_e[:, np.arange(C), np.arange(C)] = np.logaddexp(np.log(LOST), np.log1p(-LOST) + right)
+    return float(_markov(_log_mean(mean_over_assignments(log_e), axis=0) + log_prior))

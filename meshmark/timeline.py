@@ -7,6 +7,9 @@ import numpy as np
 from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
 
+# Stands for "as many frames as it takes".
+AUTO = "auto"
+
 
 def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     """Return the indices of the frames in a range A:B[:S] of time codes.
@@ -22,7 +25,7 @@ def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     UsageError
         If the text is not a range, or no frame lies in it.
     """
-    if text is None or text == "auto":
+    if text is None or text == AUTO:
         return tuple(range(len(animation)))
     first, last, stride = _parse(text)
     inside = np.flatnonzero((animation.times >= first) & (animation.times <= last))[::stride]

@@ -41,6 +41,32 @@ def edges(F: IntArray) -> IntArray:
     return _counted_edges(F)[0]
 
 
+def polygon_edges(counts: IntArray, indices: IntArray) -> tuple[IntArray, IntArray]:
+    """List the edges of polygons themselves, without diagonals.
+
+    Parameters
+    ----------
+    counts : (P,) int
+        Corners of each polygon.
+    indices : (sum(counts),) int
+        Point index of each corner.
+
+    Returns
+    -------
+    edges : (E, 2) int
+        Each undirected edge once, lower index first.
+    uses : (E,) int
+        Number of polygons along each edge: 1 on a border.
+    """
+    ends = np.cumsum(counts)
+    following = np.arange(1, len(indices) + 1)
+    following[ends - 1] = ends - counts
+    half = np.stack([indices, indices[following]], axis=1)
+    half = np.sort(half[half[:, 0] != half[:, 1]], axis=1)
+    edges, uses = np.unique(half, axis=0, return_counts=True)
+    return edges, uses
+
+
 def face_adjacency(F: IntArray) -> tuple[IntArray, IntArray]:
     """List pairs of faces that share an edge.
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from meshmark.evidence import Evidence, Finding, judge
+from meshmark.evidence import Evidence, Finding, judge_best
 from meshmark.json_values import number
 from meshmark.keys import Key
 
@@ -98,6 +98,7 @@ def decide(
     recipients: Sequence[str] = (),
     fpr: float = 1e-6,
     n_schemes: int = 1,
+    n_looks: int = 1,
     elapsed_s: float = 0.0,
     notes: Sequence[str] = (),
 ) -> Verdict:
@@ -113,14 +114,16 @@ def decide(
         Largest p that still counts as marked.
     n_schemes : int
         Number of schemes tried; each mesh pays for them.
+    n_looks : int
+        Number of times a verdict may be asked for, of which this is one.
 
     Notes
     -----
-    The best of n hypotheses is worth n times its p (union bound): schemes and recipients for
-    each mesh, meshes for the source.
+    The best of n hypotheses is worth n times its p (union bound): looks, schemes and recipients
+    for each mesh, meshes for the source.
     """
     hypotheses: tuple[str | None, ...] = (None, *recipients)
-    price = float(np.log10(n_schemes * len(hypotheses)))
+    price = float(np.log10(n_looks * n_schemes * len(hypotheses)))
     by_prim: dict[str, list[Evidence]] = {}
     for item in evidence:
         by_prim.setdefault(item.prim, []).append(item)
@@ -145,7 +148,7 @@ def _decide_prim(
     price: float,
     log10_fpr: float,
 ) -> PrimVerdict:
-    found = [(item, judge(item, key, recipient)) for item in items for recipient in hypotheses]
+    found = [(item, judge_best(item, key, hypotheses)) for item in items]
     evidence, finding = min(found, key=lambda pair: pair[1].log10_p)
     log10_p = min(0.0, finding.log10_p + price)
     reachable = min(item.reachable_log10_p for item in items) + price

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 from meshmark.animation import Asset, MeshAnimation
-from meshmark.detection import extract
+from meshmark.detection import Extraction
 from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence
 from meshmark.keys import Key, unique_recipients
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.plugins import catalogue
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe
-from meshmark.timeline import frames_in
+from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER, Recipe
+from meshmark.timeline import AUTO, frames_in
 from meshmark.validation import check
 from meshmark.verdict import Verdict, decide
 
@@ -47,10 +47,13 @@ class AssetEvidence:
 
 def all_schemes() -> tuple[Recipe, ...]:
     """Return a recipe for each scheme there is, with its default parameters."""
-    return tuple(
-        Recipe(offer.name, DEFAULT_SEGMENTER, DEFAULT_GEODESIC)
-        for offer in catalogue().of_kind("scheme")
-    )
+    return tuple(Recipe(name, DEFAULT_SEGMENTER, DEFAULT_GEODESIC) for name in scheme_names())
+
+
+def scheme_names() -> tuple[str, ...]:
+    """Return the names of all schemes there are, the default first."""
+    names = [offer.name for offer in catalogue().of_kind("scheme")]
+    return tuple(sorted(names, key=lambda name: (name != DEFAULT_SCHEME, name)))
 
 
 def gather(
@@ -67,6 +70,8 @@ def gather(
     ----------
     recipes : sequence of Recipe
         Schemes to try; all there are, with default parameters, where empty.
+    frames : str, optional
+        Range A:B[:S] of time codes to look at; all by default.
     """
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
@@ -76,24 +81,27 @@ def gather(
     items: list[Evidence] = []
     notes: list[str] = []
     for recipe in tried:
-        scheme = recipe.build()
-        for animation in whole.meshes:
-            tell = None if progress is None else partial(progress, animation.prim)
+        for view in _views(whole, recipe, jobs):
+            chosen = frames_in(view.animation, frames)
             try:
-                items.append(
-                    extract(
-                        animation,
-                        scheme,
-                        recipe.scheme,
-                        frames=frames_in(animation, frames),
-                        jobs=jobs,
-                        progress=tell,
-                    )
-                )
+                items.append(view.look(chosen, progress=_told(progress, view)))
             except CapacityError as error:
-                notes.append(f"{animation.prim}: {recipe.scheme}: {error.message}")
+                notes.append(_note(view, error))
     elapsed = time.perf_counter() - start
     return AssetEvidence(whole.source, tuple(items), len(tried), tuple(notes), elapsed)
+
+
+def _views(asset: Asset, recipe: Recipe, jobs: int) -> list[Extraction]:
+    scheme = recipe.build()
+    return [Extraction(mesh, scheme, recipe.scheme, jobs=jobs) for mesh in asset.meshes]
+
+
+def _told(progress: MeshProgress | None, view: Extraction) -> Callable[[int, int], None] | None:
+    return None if progress is None else partial(progress, view.animation.prim)
+
+
+def _note(view: Extraction, error: CapacityError) -> str:
+    return f"{view.animation.prim}: {view.name}: {error.message}"
 
 
 def verify(
@@ -121,7 +129,8 @@ def verify(
     recipients : sequence of str
         Names to try beside the owner's own mark; each is paid for.
     frames : str, optional
-        Range A:B[:S] of time codes to look at.
+        Range A:B[:S] of time codes to look at, all by default; or "auto", for few frames
+        first and more only while they do not decide.
     fpr : float
         False-positive rate: the largest p that counts as marked.
 
@@ -130,8 +139,105 @@ def verify(
     InputError
         If a frame cannot be read.
     """
+    if frames == AUTO:
+        return verify_in_looks(
+            asset,
+            key,
+            recipes=recipes,
+            recipients=recipients,
+            fpr=fpr,
+            jobs=jobs,
+            progress=progress,
+        )
     evidence = gather(asset, recipes=recipes, frames=frames, jobs=jobs, progress=progress)
     return judge_all(evidence, key, recipients=recipients, fpr=fpr)
+
+
+def verify_in_looks(
+    asset: Asset | MeshAnimation,
+    key: Key,
+    *,
+    recipes: Sequence[Recipe] = (),
+    recipients: Sequence[str] = (),
+    fpr: float = 1e-6,
+    jobs: int = 1,
+    progress: MeshProgress | None = None,
+) -> Verdict:
+    """Look at few frames first, and at more only while the answer is not "marked".
+
+    Each look is one of a number fixed beforehand, and pays for them all; so does each scheme,
+    tried one after the other. Parameters are those of `verify`.
+    """
+    start = time.perf_counter()
+    whole = asset if isinstance(asset, Asset) else as_asset(asset)
+    tried = tuple(recipes) or all_schemes()
+    names = unique_recipients(recipients)
+    for animation in whole.meshes:
+        check(animation)
+    best: Verdict | None = None
+    notes: list[str] = []
+    for recipe in tried:
+        views = _views(whole, recipe, jobs)
+        for number, look in enumerate(LOOKS):
+            items: list[Evidence] = []
+            for view in views:
+                try:
+                    items.append(look.at(view, _told(progress, view)))
+                except CapacityError as error:
+                    if number == len(LOOKS) - 1:
+                        notes.append(_note(view, error))
+            verdict = decide(
+                whole.source,
+                items,
+                key,
+                recipients=names,
+                fpr=fpr,
+                n_schemes=len(tried),
+                n_looks=len(LOOKS),
+            )
+            if best is None or _better(verdict, best):
+                best = verdict
+            if verdict.verdict == "marked":
+                break
+        if best is not None and best.verdict == "marked":
+            break
+    assert best is not None
+    return replace(best, elapsed_s=time.perf_counter() - start, notes=tuple(notes))
+
+
+def _better(new: Verdict, old: Verdict) -> bool:
+    """Prefer the lower p; "not marked", which needs more evidence, to "inconclusive"."""
+    if new.log10_p != old.log10_p:
+        return new.log10_p < old.log10_p
+    return old.verdict == "inconclusive"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How much of an animation is looked at before a verdict is asked for.
+
+    Parameters
+    ----------
+    frames : int or None
+        Number of frames, evenly spaced from the first; None for all.
+    restored : bool
+        Whether smoothing is undone, too.
+    """
+
+    frames: int | None
+    restored: bool
+
+    def at(self, view: Extraction, progress: Callable[[int, int], None] | None) -> Evidence:
+        """Measure that much of a mesh; what was measured before is not measured again."""
+        total = len(view.animation)
+        count = total if self.frames is None else min(self.frames, total)
+        # Strides that divide each other: every look's frames are among the next one's.
+        stride = max(1, total // count)
+        chosen = range(0, stride * count, stride)
+        return view.look(chosen, view.restorations if self.restored else (0,), progress)
+
+
+LOOKS = (Look(1, False), Look(1, True), Look(4, True), Look(12, True), Look(None, True))
 
 
 def judge_all(

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.interfaces import GeodesicSolver, Scheme, Segmenter
+from meshmark.interfaces import AnyScheme, GeodesicSolver, Segmenter
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe, SolverFactory
 
@@ -85,7 +85,7 @@ class TimedRecipe(Recipe):
         """Time what another recipe builds."""
         return cls(recipe.scheme, recipe.segmenter, recipe.geodesic, recipe.settings, clock)
 
-    def build(self) -> Scheme:
+    def build(self) -> AnyScheme:
         """Make the scheme, with its segmenter and solver."""
         solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
         made = catalogue().make(
@@ -95,4 +95,4 @@ class TimedRecipe(Recipe):
             solver=TimedSolverFactory(solver, self.clock),
             **self.settings.get(self.scheme, {}),
         )
-        return cast(Scheme, made)
+        return cast(AnyScheme, made)

@@ -37,6 +37,13 @@ def embed(
     strength: Annotated[
         float | None, typer.Option(help="How far a chip is pushed, in bins; the scheme's default.")
     ] = None,
+    max_mrms: Annotated[
+        float | None,
+        typer.Option(
+            "--max-mrms",
+            help="Limit to the distortion (MRMS over the diagonal), for schemes that keep one.",
+        ),
+    ] = None,
     recipient: Annotated[str | None, typer.Option(help="Whose copy this will be.")] = None,
     deliver: Annotated[
         bool, typer.Option("--deliver", help="Flatten: no unmarked point is left in the file.")
@@ -49,7 +56,8 @@ def embed(
     from meshmark.publishing import mark_file
     from meshmark.recipe import recipe_from_text
 
-    recipe = recipe_from_text(scheme, segmenter, geodesic, settings, strength)
+    own = {"strength": strength, "max_mrms": max_mrms}
+    recipe = recipe_from_text(scheme, segmenter, geodesic, settings, own)
     secret = load_key(key)
     with frame_progress() as progress:
         manifest = mark_file(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from meshmark.cli.console import complain, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
-    FramesOption,
     GeodesicOption,
     JsonOption,
     KeyOption,
@@ -37,9 +38,28 @@ def verify(
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     recipient: Annotated[
-        list[str], typer.Option("--recipient", help="A name to try; each is paid for.")
+        list[str],
+        typer.Option(
+            "--recipient",
+            metavar="NAME|@FILE",
+            help="A name to try, or a file of names, one a line; each is paid for.",
+        ),
     ] = [],  # noqa: B006
-    frames: FramesOption = None,
+    frames: Annotated[
+        str,
+        typer.Option(
+            metavar="A:B[:S]|auto",
+            help="Time codes from A to B, every S-th frame (`:` for all); auto looks at few "
+            "frames first, and at more only while they do not decide.",
+        ),
+    ] = "auto",
+    evidence: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Read what was measured before from FILE, or measure all frames and write it.",
+        ),
+    ] = None,
     fpr: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
     ] = 1e-6,
@@ -50,13 +70,21 @@ def verify(
 
     if not 0.0 < fpr < 1.0:
         raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
-    recipes = _recipes(scheme, segmenter, geodesic, settings)
+    if evidence is not None and len(sources) > 1:
+        raise UsageError("--evidence holds that of one SOURCE")
+    request = Request(
+        recipes=_recipes(scheme, segmenter, geodesic, settings),
+        recipients=_names(recipient),
+        frames=frames,
+        evidence=evidence,
+        fpr=fpr,
+    )
     secret = load_key(key)
     verdicts: list[Verdict] = []
     worst = 0
     for source in sources:
         try:
-            verdict = _verify_one(source, secret, recipes, recipient, frames, fpr)
+            verdict = _verify_one(source, secret, request)
         except MeshmarkError as error:
             complain(str(error))
             worst = worst or error.exit_code
@@ -81,12 +109,12 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 def _recipes(
     scheme: str | None, segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
-    from meshmark.plugins import catalogue
     from meshmark.recipe import recipe_from_text
+    from meshmark.verification import scheme_names
 
     if scheme is not None:
         return [recipe_from_text(scheme, segmenter, geodesic, settings)]
-    names = [offer.name for offer in catalogue().of_kind("scheme")]
+    names = scheme_names()
     if settings and len(names) > 1:
         from meshmark.errors import UsageError
 
@@ -94,23 +122,70 @@ def _recipes(
     return [recipe_from_text(name, segmenter, geodesic, settings) for name in names]
 
 
-def _verify_one(source: str, secret: Any, recipes: Sequence[Recipe], *rest: Any) -> Verdict:
+@dataclass(frozen=True)
+class Request:
+    """What is asked about every source."""
+
+    recipes: Sequence[Recipe]
+    recipients: Sequence[str]
+    frames: str
+    evidence: Path | None
+    fpr: float
+
+
+def _names(recipients: Sequence[str]) -> list[str]:
+    """Read names from files where `@FILE` is given; blank lines and `#` comments are no names."""
+    from meshmark.errors import InputError
+
+    names: list[str] = []
+    for text in recipients:
+        if not text.startswith("@"):
+            names.append(text)
+            continue
+        path = Path(text[1:])
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except OSError as error:
+            raise InputError(f"cannot read the names: {error.strerror}", source=path) from None
+        except UnicodeDecodeError:
+            raise InputError("names must be UTF-8 text", source=path) from None
+        stripped = (line.strip() for line in lines)
+        names += [line for line in stripped if line and not line.startswith("#")]
+    return names
+
+
+def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
     from meshmark.parallel import default_jobs
     from meshmark.sources import read
+    from meshmark.verification import judge_all
     from meshmark.verification import verify as verify_asset
 
-    recipients, frames, fpr = rest
-    asset = read(source)
     with frame_progress() as progress:
+
+        def tell(prim: str, done: int, total: int) -> None:
+            progress("verify", prim, done, total)
+
+        if request.evidence is not None:
+            from meshmark.evidence_reuse import kept_evidence
+
+            found = kept_evidence(
+                source,
+                request.evidence,
+                recipes=request.recipes,
+                frames=request.frames,
+                jobs=default_jobs(),
+                progress=tell,
+            )
+            return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
         return verify_asset(
-            asset,
+            read(source),
             secret,
-            recipes=recipes,
-            recipients=recipients,
-            frames=frames,
-            fpr=fpr,
+            recipes=request.recipes,
+            recipients=request.recipients,
+            frames=request.frames,
+            fpr=request.fpr,
             jobs=default_jobs(),
-            progress=lambda prim, done, total: progress("verify", prim, done, total),
+            progress=tell,
         )
 
 

@@ -40,25 +40,6 @@ def restrict(topology: Topology, keep: BoolArray) -> tuple[IntArray, Topology | 
     return indices, kept
 
 
-def polygon_edges(topology: Topology) -> tuple[IntArray, IntArray]:
-    """List the edges of the polygons themselves, without diagonals.
-
-    Returns
-    -------
-    edges : (E, 2) int
-        Each undirected edge once, lower index first.
-    uses : (E,) int
-        Number of polygons along each edge: 1 on a border.
-    """
-    ends = np.cumsum(topology.counts)
-    following = np.arange(1, len(topology.indices) + 1)
-    following[ends - 1] = ends - topology.counts
-    half = np.stack([topology.indices, topology.indices[following]], axis=1)
-    half = np.sort(half[half[:, 0] != half[:, 1]], axis=1)
-    edges, uses = np.unique(half, axis=0, return_counts=True)
-    return edges, uses
-
-
 def permute(topology: Topology, vertices: IntArray, polygons: IntArray) -> Topology:
     """Rename vertices and put polygons into another order.
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
-from meshmark.animation import Frame, MeshAnimation, Topology
-from meshmark.smoothing import smooth, umbrella
+from meshmark.animation import Frame, MeshAnimation
+from meshmark.smoothing import polygon_umbrella, smooth
 from meshmark_plugins.attacks.parameters import choice, number, whole
-from meshmark_plugins.attacks.polygons import polygon_edges
 
 # Where Taubin's filter lets half of the signal pass, in eigenvalues of the umbrella operator.
 _PASS_BAND = 0.1
@@ -85,10 +82,3 @@ class SmoothFrame:
             for step in self.steps:
                 V = smooth(V, L, 1, step)
         return frame.moved(V)
-
-
-@lru_cache(maxsize=4)
-def polygon_umbrella(topology: Topology) -> csr_matrix:
-    """Build the umbrella operator along polygon edges; remembered for the topologies used last."""
-    E, uses = polygon_edges(topology)
-    return umbrella(E, E[uses == 1].ravel(), topology.n_points)

@@ -6,6 +6,15 @@ from typing import Any
 
 from meshmark.hookspecs import SchemeRecord, hookimpl
 
+APEX_DEFAULTS: dict[str, Any] = {
+    "bins": 14,
+    "width": 0.045,
+    "words": 8,
+    "strength": 0.2,
+    "max_mrms": 2.2e-4,
+    "hold": 8,
+}
+
 TSAI2014_DEFAULTS: dict[str, Any] = {
     "bits": 16,
     "strength": 0.05,
@@ -17,6 +26,12 @@ TSAI2014_DEFAULTS: dict[str, Any] = {
 }
 
 CHO2007_DEFAULTS: dict[str, Any] = {"bits": 64, "strength": 0.05}
+
+
+def _apex(**parameters: Any) -> Any:
+    from meshmark_plugins.schemes.apex.scheme import Apex
+
+    return Apex(**parameters)
 
 
 def _tsai2014(**parameters: Any) -> Any:
@@ -35,6 +50,13 @@ def _cho2007(**parameters: Any) -> Any:
 def meshmark_schemes() -> list[SchemeRecord]:
     """Offer the built-in schemes."""
     return [
+        SchemeRecord(
+            name="apex",
+            factory=_apex,
+            summary="density of the vertices about the tips of a shape, slid along its surface",
+            version="1",
+            parameters=APEX_DEFAULTS,
+        ),
         SchemeRecord(
             name="tsai2014",
             factory=_tsai2014,

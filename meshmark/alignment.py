@@ -1,0 +1,98 @@
+"""Which carrier of one frame is which of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from meshmark.carrier import Sighting
+from meshmark.errors import CapacityError
+
+FloatArray = NDArray[np.float64]
+
+# (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
+# reference; inf where a match is out of the question.
+Matcher = Callable[[Sighting, Sighting], FloatArray]
+
+# Farthest that a tip may wander over the surface between two poses, as a share of the diagonal.
+WANDER = 0.05
+# Worth of agreeing evidence beside agreeing shapes.
+AGREEMENT = 0.1
+# Stands for "out of the question" in sums that must stay finite.
+_NEVER = 1e6
+
+
+def in_order(own: Sighting, reference: Sighting) -> FloatArray:
+    """Match carriers by their order, which a common layout fixes."""
+    return np.where(np.eye(len(own.descriptors), len(reference.descriptors)) > 0, 0.0, np.inf)
+
+
+def by_place(points: FloatArray) -> Matcher:
+    """Match carriers whose vertices lie near each other on one frame, `points` (N, 3)."""
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+    def cost(own: Sighting, reference: Sighting) -> FloatArray:
+        assert own.vertices is not None
+        assert reference.vertices is not None
+        gap = cdist(points[own.vertices], points[reference.vertices]) / (WANDER * diagonal)
+        return np.where(gap <= 1.0, gap, np.inf)
+
+    return cost
+
+
+def by_looks(own: Sighting, reference: Sighting) -> FloatArray:
+    """Match carriers alike in shape and in what they say.
+
+    Left and right of a symmetric body have the same shape, but not the same evidence: what a
+    carrier says in one frame, the same carrier says in the next, mark and mesh alike.
+    """
+    shape = cdist(own.descriptors, reference.descriptors)
+    return shape + AGREEMENT * (1.0 - _agreement(own.soft[0], reference.soft[0]))
+
+
+def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
+    """Correlation of the evidence (C, K) of each carrier with that (D, K) of each other."""
+    S = S / np.maximum(np.linalg.norm(S, axis=1, keepdims=True), 1e-12)
+    reference = reference / np.maximum(np.linalg.norm(reference, axis=1, keepdims=True), 1e-12)
+    return S @ reference.T
+
+
+def aligned(
+    sightings: Sequence[Sighting | None], matcher: Matcher
+) -> tuple[FloatArray, FloatArray]:
+    """Put the carriers of every frame into the order of the frame that shows the most.
+
+    Carriers are matched one to one, at the least total cost. That needs no key, so a wrong
+    match costs evidence but never honesty.
+
+    Returns
+    -------
+    soft : (T, R, C, K) float64
+        A carrier missing from a frame is all erasures there.
+    log_prior : (R,) float64
+
+    Raises
+    ------
+    CapacityError
+        If no frame shows any carrier.
+    """
+    seen = [sighting for sighting in sightings if sighting is not None]
+    if not seen:
+        raise CapacityError("no carrier is found in any frame")
+    reference = max(seen, key=lambda sighting: len(sighting.descriptors))
+    soft = np.array([_align(sighting, reference, matcher) for sighting in sightings])
+    return soft, reference.log_prior
+
+
+def _align(sighting: Sighting | None, reference: Sighting, matcher: Matcher) -> FloatArray:
+    soft = np.zeros_like(reference.soft)
+    if sighting is not None:
+        cost = matcher(sighting, reference)
+        own, theirs = linear_sum_assignment(np.minimum(cost, _NEVER))
+        possible = np.isfinite(cost[own, theirs])
+        soft[:, theirs[possible]] = sighting.soft[:, own[possible]]
+    return soft

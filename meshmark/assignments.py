@@ -1,0 +1,123 @@
+"""Which carrier holds which code word: a search that is paid for by averaging over it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+# How strongly assignments are believed to keep the order in which carriers and words are
+# listed; a third of the belief each. Belief falls by exp(-k) with every place that a carrier is
+# away from its word's. 0 is no belief in any order.
+ORDERLINESS = (0.0, 1.0, 3.0)
+
+
+def mean_over_assignments(log_e: FloatArray) -> FloatArray:
+    """Log of the mean of prod e[c, word of c] over all ways to give words to carriers.
+
+    Words are given out in their order: with G of them, the first G are in use, each on a
+    carrier of its own. Belief in G falls by half with every step away from the number of
+    carriers found. Distinct words are independent, so that the product for one assignment is
+    an e-value; a carrier that holds no word contributes 1; and means of e-values are e-values.
+
+    Parameters
+    ----------
+    log_e : (..., C, M) float64
+        Log e-value of word m on carrier c.
+
+    Returns
+    -------
+    (...) float64
+
+    Notes
+    -----
+    The sums are permanents. A dynamic program over the subsets of used words takes C M 2^M
+    steps, done here for all leading axes at once, on e-values scaled so that none exceeds 1.
+    """
+    *_, C, M = log_e.shape
+    scale = np.maximum(log_e.max(axis=-1, keepdims=True), 0.0)
+    e, idle = np.exp(log_e - scale), np.exp(-scale[..., 0])
+    means = []
+    for k in ORDERLINESS:
+        weights, log_weight_sums = _order_weights(C, M, k)
+        with np.errstate(divide="ignore"):
+            log_table = np.log(_subset_sums(e * weights, idle))
+        means.append(_sums_over_counts(log_table, C, M, log_weight_sums))
+    mean: FloatArray = logsumexp(np.array(means), axis=0) - np.log(len(ORDERLINESS))
+    return mean + scale.sum(axis=(-2, -1))
+
+
+def log_assignments(n_carriers: int, n_words: int) -> float:
+    """Log of the number of ways to give words to carriers, each word at most once."""
+    more, fewer = max(n_carriers, n_words), min(n_carriers, n_words)
+    return float(gammaln(more + 1) - gammaln(more - fewer + 1))
+
+
+@lru_cache(maxsize=64)
+def _order_weights(C: int, M: int, k: float) -> tuple[FloatArray, FloatArray]:
+    """Belief in word m on carrier c, (C, M), and the log of its sums for 1, 2, ... M words."""
+    weights = np.exp(-k * np.abs(np.arange(C)[:, None] - np.arange(M)))
+    with np.errstate(divide="ignore"):
+        log_table = np.log(_subset_sums(weights, np.ones(C)))
+    sums = [logsumexp(log_table[_used(min(C, G), G, M)]) for G in range(1, M + 1)]
+    return weights, np.array(sums)
+
+
+def _sums_over_counts(
+    log_table: FloatArray, C: int, M: int, log_weight_sums: FloatArray
+) -> FloatArray:
+    """Average over the number of words in use, each number's sum over its weights' sum."""
+    terms = [
+        logsumexp(log_table[..., _used(min(C, G), G, M)], axis=-1)
+        - log_weight_sums[G - 1]
+        + log_belief
+        for G, log_belief in enumerate(_log_beliefs(C, M), start=1)
+    ]
+    total: FloatArray = logsumexp(np.array(terms), axis=0)
+    return total
+
+
+def _log_beliefs(C: int, M: int) -> FloatArray:
+    """Log belief that 1, 2, ... M words are in use when C carriers were found."""
+    belief = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
+    log_belief: FloatArray = np.log(belief / belief.sum())
+    return log_belief
+
+
+def _subset_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
+    """Sum the products over all ways to give exactly a subset of the words to carriers.
+
+    Parameters
+    ----------
+    e : (..., C, M) float64
+        Factor of word m on carrier c.
+    idle : (..., C) float64
+        Factor of a carrier without a word.
+
+    Returns
+    -------
+    (..., 2^M) float64
+    """
+    *lead, C, M = e.shape
+    table = np.zeros((*lead, 1 << M))
+    table[..., 0] = 1.0
+    masks = np.arange(1 << M)
+    without = [masks[masks & (1 << m) == 0] for m in range(M)]
+    for c in range(C):
+        grown = table * idle[..., c, None]
+        for m, free in enumerate(without):
+            grown[..., free | (1 << m)] += table[..., free] * e[..., c, m, None]
+        table = grown
+    return table
+
+
+def _used(n_used: int, n_given: int, M: int) -> IntArray:
+    """Subsets of `n_used` of the first `n_given` of M words, as bit masks."""
+    masks = np.arange(1 << M)
+    return masks[(np.bitwise_count(masks) == n_used) & (masks < (1 << n_given))]

@@ -1,0 +1,90 @@
+"""Measures a source's evidence once, and keeps it for later keys."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from meshmark.animation import Asset
+from meshmark.errors import UsageError
+from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
+from meshmark.manifest import file_hashes
+from meshmark.marking import MeshProgress
+from meshmark.publishing import source_files
+from meshmark.recipe import Recipe
+from meshmark.sources import read
+from meshmark.verification import AssetEvidence, all_schemes, gather
+
+
+def kept_evidence(
+    source: str,
+    path: Path,
+    *,
+    recipes: Sequence[Recipe] = (),
+    frames: str | None = None,
+    jobs: int = 1,
+    progress: MeshProgress | None = None,
+) -> AssetEvidence:
+    """Read the evidence of a source from a file; where there is none, measure it and write one.
+
+    Parameters
+    ----------
+    source : str
+        As `meshmark.read` takes it.
+    path : Path
+        The evidence file.
+    recipes : sequence of Recipe
+        Schemes with their parameters; all there are, with their defaults, where empty.
+    frames : str, optional
+        Range A:B[:S] of time codes; all by default, and for "auto".
+
+    Raises
+    ------
+    UsageError
+        If the file holds evidence of another source, or of other schemes or frames.
+    InputError
+        If the source or the file cannot be read.
+    """
+    start = time.perf_counter()
+    tried = tuple(recipes) or all_schemes()
+    asset = read(source)
+    wanted = StoredEvidence(
+        files=_digests(asset),
+        recipes=[recipe.as_json() for recipe in tried],
+        frames=None if frames == "auto" else frames,
+        items=(),
+        notes=(),
+    )
+    if path.exists():
+        stored = load_evidence(path)
+        _require_same(stored, wanted, source, path)
+        elapsed = time.perf_counter() - start
+        return AssetEvidence(source, stored.items, len(stored.recipes), stored.notes, elapsed)
+    found = gather(asset, recipes=tried, frames=frames, jobs=jobs, progress=progress)
+    save_evidence(
+        StoredEvidence(wanted.files, wanted.recipes, wanted.frames, found.items, found.notes), path
+    )
+    return found
+
+
+def _digests(asset: Asset) -> tuple[tuple[str, str], ...]:
+    files = [path.resolve() for path in source_files(asset)]
+    hashes = file_hashes(files, Path(asset.source).resolve().parent)
+    return tuple((item["file"], item["sha256"]) for item in hashes)
+
+
+def _require_same(stored: StoredEvidence, wanted: StoredEvidence, source: str, path: Path) -> None:
+    # A copy under another name is the same copy.
+    if [digest for _, digest in stored.files] != [digest for _, digest in wanted.files]:
+        raise UsageError(f"{path} holds the evidence of another file", source=source)
+    if list(stored.recipes) != list(wanted.recipes):
+        names = ", ".join(str(recipe["scheme"]["name"]) for recipe in stored.recipes)
+        raise UsageError(
+            f"{path} holds evidence of other schemes or parameters (schemes: {names}); give the "
+            "same --scheme and --set, or another file",
+            source=source,
+        )
+    if stored.frames != wanted.frames:
+        kept = stored.frames or "all"
+        raise UsageError(f"{path} holds evidence of other frames: {kept}", source=source)

@@ -1,0 +1,50 @@
+"""Areas and normals of triangle meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Lengths below this count as none: squares of anything shorter would underflow.
+TINY = 1e-150
+
+
+def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:
+    """Compute the normals of triangles, (F, 3) float64, as long as the areas."""
+    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
+    """Compute the areas of triangles, (F,) float64."""
+    areas: FloatArray = np.linalg.norm(area_vectors(V, F), axis=1)
+    return areas
+
+
+def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
+    """Give every vertex a third of the area of each of its triangles, (N,) float64."""
+    return sum_at_corners(face_areas(V, F) / 3.0, F, len(V))
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Scale vectors (n, 3) to length 1; those without length stay 0."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    scaled: FloatArray = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > TINY)
+    return scaled
+
+
+def sum_at_corners(values: FloatArray, F: IntArray, n_points: int) -> FloatArray:
+    """Add each triangle's value (F,) or (F, k) to its three vertices, (N,) or (N, k)."""
+    if values.ndim == 1:
+        total = np.bincount(F.ravel(), np.repeat(values, 3), n_points)
+        return total.astype(np.float64, copy=False)
+    columns = [np.bincount(F.ravel(), np.repeat(v, 3), n_points) for v in values.T]
+    return np.stack(columns, axis=1)
+
+
+def vertex_normals(V: FloatArray, F: IntArray) -> FloatArray:
+    """Compute unit normals of vertices, the mean of their triangles' by area, (N, 3)."""
+    return unit(sum_at_corners(area_vectors(V, F), F, len(V)))

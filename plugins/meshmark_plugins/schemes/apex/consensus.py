@@ -1,0 +1,155 @@
+"""Anchors that an animation keeps: found in nearly every frame, and again after rough treatment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import MeshAnimation
+from meshmark.errors import CapacityError
+from meshmark.geometry import face_areas
+from meshmark.parallel import ordered_map
+from meshmark.smoothing import polygon_umbrella, smooth
+from meshmark_plugins.schemes.apex.anchors import distance_to_border
+from meshmark_plugins.schemes.apex.survey import measure_from, survey
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Least persistence of an anchor that is marked, and of one that is looked at; in root areas.
+LEAST_MARKED, LEAST_SEEN = 0.10, 0.06
+MOST_SEEN = 12
+FRAMES = 12
+# Share of the frames in which an anchor must be found.
+PRESENT = 0.9
+# How near to each other, in root areas, two sightings of one anchor are.
+NEAR = 0.05
+# A tip this near to a border would be one of the border's, which a crop moves.
+CLEAR_OF_BORDER = 0.02
+# Iterations of smoothing that an anchor must survive.
+TRIAL = 10
+
+
+@dataclass(frozen=True, eq=False)
+class FindAnchors:
+    """Finds the anchors of frame after frame."""
+
+    animation: MeshAnimation
+
+    def __call__(self, index: int) -> tuple[IntArray, FloatArray]:
+        """Return vertices and persistence of the anchors of frame `index`, maybe none."""
+        frame = self.animation[index]
+        return seen(frame.points, frame.faces)
+
+
+def seen(V: FloatArray, F: IntArray) -> tuple[IntArray, FloatArray]:
+    """Find the anchors of one mesh; none is no error here."""
+    try:
+        nears = survey(V, F, LEAST_SEEN, MOST_SEEN)
+    except CapacityError:
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    vertices = np.concatenate([near.anchors for near in nears])
+    return vertices, np.concatenate([near.persistence for near in nears])
+
+
+def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
+    """Find the anchors worth marking.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Frames as analysis sees them, of one topology.
+    most : int
+        Most anchors to return.
+    jobs : int
+        Worker processes.
+
+    Returns
+    -------
+    (C,) int
+        Vertices, in the order in which they are given words.
+
+    Raises
+    ------
+    CapacityError
+        If none is left, with the reason.
+    """
+    count = min(FRAMES, len(animation))
+    chosen = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
+    sightings = list(ordered_map(FindAnchors(animation), chosen.tolist(), jobs=jobs))
+    first = animation[0]
+    V, F = first.points, first.faces
+    near = NEAR * float(np.sqrt(face_areas(V, F).sum()))
+    vertices, persistence, share = _clusters(V, sightings, near)
+    if not np.any(persistence >= LEAST_MARKED):
+        raise CapacityError(
+            "nothing sticks out of the mesh far enough to measure from; a mark needs tips such "
+            "as hands, feet, ears or a tail: mark the mesh this one is worn by or stands on, or "
+            "choose another scheme"
+        )
+    lasting = (persistence >= LEAST_MARKED) & (share >= PRESENT)
+    clear = distance_to_border(V, F, vertices) >= near * CLEAR_OF_BORDER / NEAR
+    if not np.any(lasting & clear):
+        raise CapacityError(
+            "the only tips lie on open borders, or are not there in every frame, so that none "
+            "would be found again; choose another scheme"
+        )
+    kept = vertices[lasting & clear]
+    order = np.argsort(-persistence[lasting & clear], kind="stable")
+    return by_bulk(V, F, _survivors(first.topology, V, F, kept[order], near)[:most])
+
+
+def by_bulk(V: FloatArray, F: IntArray, anchors: IntArray) -> IntArray:
+    """Put anchors (C,) into the order in which they are given words: detection finds it again."""
+    nears = measure_from(V, F, anchors)
+    listed = np.concatenate([near.anchors for near in nears])
+    bulk = np.concatenate([near.bulk for near in nears])
+    return listed[np.argsort(bulk, kind="stable")]
+
+
+def _clusters(
+    V: FloatArray, sightings: list[tuple[IntArray, FloatArray]], near: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Gather sightings that lie near each other on one frame.
+
+    Returns
+    -------
+    vertices : (m,) int
+        The vertex of each cluster that the others are nearest to.
+    persistence : (m,) float64
+        Median over its sightings.
+    share : (m,) float64
+        Share of the frames it was seen in.
+    """
+    members: list[list[tuple[int, float]]] = []
+    for vertices, persistence in sightings:
+        for vertex, height in zip(vertices.tolist(), persistence.tolist(), strict=True):
+            gaps = [float(np.linalg.norm(V[vertex] - V[group[0][0]])) for group in members]
+            if gaps and min(gaps) <= near:
+                members[int(np.argmin(gaps))].append((vertex, height))
+            else:
+                members.append([(vertex, height)])
+    return (
+        np.array([_medoid(V, [vertex for vertex, _ in group]) for group in members], dtype=int),
+        np.array([np.median([height for _, height in group]) for group in members]),
+        np.array([len(group) / len(sightings) for group in members]),
+    )
+
+
+def _medoid(V: FloatArray, vertices: list[int]) -> int:
+    gaps = np.linalg.norm(V[vertices][:, None] - V[vertices][None], axis=2).sum(axis=1)
+    return vertices[int(np.argmin(gaps))]
+
+
+def _survivors(
+    topology: object, V: FloatArray, F: IntArray, anchors: IntArray, near: float
+) -> IntArray:
+    """Keep the anchors that are found again after smoothing; all if none is."""
+    smoothed = smooth(V, polygon_umbrella(topology), TRIAL)
+    again, _ = seen(smoothed, F)
+    if not again.size:
+        return anchors
+    gaps = np.linalg.norm(V[anchors][:, None] - V[again][None], axis=2).min(axis=1)
+    return anchors[gaps <= near] if np.any(gaps <= near) else anchors

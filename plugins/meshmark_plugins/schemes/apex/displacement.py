@@ -1,0 +1,123 @@
+"""The displacement that brings many chips to their targets at the least cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_matrix, diags_array, vstack
+
+from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.energy import Energy, WeightedEnergy
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+# Rounds of: which chips still fall short, which vertices moved far, solve.
+ROUNDS = 4
+ITERATIONS = 40
+TOLERANCE = 1e-3
+# How steeply the cost of a move rises beyond its reach.
+STEEPNESS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """What one pose asks of the displacement.
+
+    Parameters
+    ----------
+    J : (k, 3 N) sparse float64
+        Change of each chip, in the sense its word wants, by the displacement.
+    change : (k,) float64
+        Change each chip needs, from no displacement at all.
+    weight : (k,) float64
+        Price of a unit of shortfall, squared; 0 for an erasure.
+    """
+
+    J: csr_matrix
+    change: FloatArray
+    weight: FloatArray
+
+
+def displacement(
+    demands: list[Demand], energy: Energy, reach: float, start: FloatArray
+) -> FloatArray:
+    """Minimise energy plus the weighted squares of what the chips fall short of.
+
+    Parameters
+    ----------
+    demands : list of Demand
+        One for each pose; all poses count alike.
+    energy : Energy
+        Cost of displacements.
+    reach : float
+        Length beyond which a move becomes much dearer.
+    start : (3 N,) float64
+        First guess.
+
+    Returns
+    -------
+    (3 N,) float64
+
+    Notes
+    -----
+    A chip beyond its target costs nothing, and long moves cost more than their square: both
+    are dealt with by solving again with new weights. The same chip asks for much the same in
+    every pose; its mean over the poses, a matrix of as many rows as one pose has chips, makes
+    the preconditioner.
+    """
+    J = csr_matrix(vstack([demand.J for demand in demands], format="csr"))
+    change = np.concatenate([demand.change for demand in demands])
+    price = np.concatenate([demand.weight for demand in demands]) / len(demands)
+    d = start
+    for _ in range(ROUNDS):
+        active = np.where(change - J @ d > 0.0, price, 0.0)
+        length = np.linalg.norm(d.reshape(-1, 3), axis=1)
+        cost = energy.weighted(1.0 + (length / reach) ** STEEPNESS)
+        JT = csr_matrix(J.T)
+        operator = _Operator(cost, J, JT, active)
+        inverse = _Preconditioner(cost, demands, active)
+        d = solve(operator, JT @ (active * change), d, inverse, ITERATIONS, TOLERANCE)
+    return d
+
+
+@dataclass(frozen=True, eq=False)
+class _Operator:
+    cost: WeightedEnergy
+    J: csr_matrix
+    JT: csr_matrix
+    active: FloatArray
+
+    def __matmul__(self, d: FloatArray) -> FloatArray:
+        result: FloatArray = self.cost @ d + self.JT @ (self.active * (self.J @ d))
+        return result
+
+
+class _Preconditioner:
+    """Inverse of the block diagonal plus the mean chips, by Woodbury's identity."""
+
+    def __init__(self, cost: WeightedEnergy, demands: list[Demand], active: FloatArray) -> None:
+        self._inverse = cost.inverse_blocks()
+        k = len(demands[0].change)
+        weights = active.reshape(len(demands), k)
+        total = weights.sum(axis=0)
+        kept = np.flatnonzero(total > 0.0)
+        self._mean = csr_matrix((len(kept), demands[0].J.shape[1]))
+        for demand, weight in zip(demands, weights, strict=True):
+            share = weight[kept] / total[kept]
+            self._mean = self._mean + diags_array(share) @ demand.J[kept]
+        self._mean = csr_matrix(self._mean)
+        self._spread = csr_matrix(self._inverse @ self._mean.T)
+        small = (self._mean @ self._spread).toarray() + np.diag(1.0 / total[kept])
+        self._factor = cho_factor(small) if len(kept) else None
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        y: FloatArray = self._inverse @ r
+        if self._factor is None:
+            return y
+        corrected: FloatArray = y - self._spread @ cho_solve(self._factor, self._mean @ y)
+        return corrected

@@ -1,0 +1,87 @@
+"""How chips change when vertices slide: the linear model behind the embedding."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, vstack
+
+from meshmark.geometry import area_vectors, sum_at_corners, unit
+from meshmark_plugins.schemes.apex.survey import Neighbourhood
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def distance_directions(near: Neighbourhood) -> FloatArray:
+    """Compute at vertices where the distance from each anchor grows, (m, n, 3), unit vectors.
+
+    Shorter than 1 where the triangles about a vertex disagree, as at the anchor and where paths
+    from two sides meet.
+    """
+    V, F = near.V, near.piece.faces
+    vectors = area_vectors(V, F)
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = unit(vectors)
+    opposite = [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)]
+    about = np.maximum(sum_at_corners(areas, F, len(V)), 1e-300)[:, None]
+    directions = []
+    for H in near.H:
+        slope = unit(sum(H[F[:, k], None] * opposite[k] for k in range(3)))
+        directions.append(sum_at_corners(areas[:, None] * slope, F, len(V)) / about)
+    return np.array(directions)
+
+
+def chip_gradients(
+    near: Neighbourhood, weights: FloatArray, width: float, n_bins: int, n_points: int
+) -> csr_matrix:
+    """Differentiate chips by vertex positions.
+
+    Parameters
+    ----------
+    near : Neighbourhood
+        A piece of m anchors.
+    weights : (n,) float64
+        Whitening weights of its vertices.
+    width : float
+        Width of a bin, in root areas.
+    n_bins : int
+        K.
+    n_points : int
+        N, vertices of the whole mesh.
+
+    Returns
+    -------
+    (m K, 3 N) sparse float64
+        Change of each chip, anchor after anchor, by a move of each coordinate in units of the
+        mesh. Moves are taken to keep to the surface, and weights to stay.
+    """
+    directions = distance_directions(near)
+    rows = [
+        _rows(near, H, direction, weights, width, n_bins, n_points)
+        for H, direction in zip(near.H, directions, strict=True)
+    ]
+    return csr_matrix(vstack(rows, format="csr"))
+
+
+def _rows(
+    near: Neighbourhood,
+    H: FloatArray,
+    direction: FloatArray,
+    weights: FloatArray,
+    width: float,
+    n_bins: int,
+    n_points: int,
+) -> csr_matrix:
+    x = H / width - 1.0
+    k = np.floor(x).astype(np.int64)
+    inside = np.flatnonzero((k >= 0) & (k < n_bins))
+    k, u = k[inside], (x - k)[inside]
+    share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]
+    # d/du of the phase -sin(2 pi u), over the bin's width in units of the mesh.
+    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * near.root_area)
+    values = (share * slope)[:, None] * direction[inside]
+    columns = 3 * near.piece.vertices[inside][:, None] + np.arange(3)
+    return csr_matrix(
+        (values.ravel(), (np.repeat(k, 3), columns.ravel())), shape=(n_bins, 3 * n_points)
+    )

@@ -1,0 +1,54 @@
+"""The connected pieces of a mesh that are large enough to carry anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.geometry import face_areas
+from meshmark.topology import face_components
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Smaller pieces (eyes, buttons) have no tips of their own worth marking.
+LEAST_SHARE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """An edge-connected piece of a mesh.
+
+    Parameters
+    ----------
+    vertices : (n,) int
+        Its vertices, indices into the mesh.
+    faces : (f, 3) int
+        Its triangles, indices into `vertices`.
+    """
+
+    vertices: IntArray
+    faces: IntArray
+
+
+def split(V: FloatArray, F: IntArray) -> list[Piece]:
+    """Split a mesh into its connected pieces of at least `LEAST_SHARE` of the area.
+
+    Returns
+    -------
+    list of Piece
+        The largest first; of equal ones, the one whose first triangle comes first.
+    """
+    label = face_components(F)
+    areas = np.bincount(label, face_areas(V, F))
+    large = np.flatnonzero(areas >= LEAST_SHARE * areas.sum())
+    first = np.array([int(np.argmax(label == component)) for component in large])
+    ordered = large[np.lexsort((first, -areas[large]))]
+    return [_piece(F[label == component]) for component in ordered]
+
+
+def _piece(F: IntArray) -> Piece:
+    vertices, local = np.unique(F, return_inverse=True)
+    return Piece(vertices, local.reshape(-1, 3))

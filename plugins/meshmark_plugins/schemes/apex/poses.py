@@ -1,0 +1,175 @@
+"""One displacement of the surface, as it lies in different poses, and what each pose asks of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_matrix, csr_matrix, diags_array, vstack
+
+from meshmark.animation import MeshAnimation
+from meshmark.deformation import Deformation
+from meshmark.geometry import face_areas
+from meshmark.restraint import allowed_shares
+from meshmark.surface import ClosestPoints
+from meshmark_plugins.schemes.apex.displacement import Demand
+from meshmark_plugins.schemes.apex.gradients import chip_gradients
+from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.readings import LEAST_COUNT, cells_needed, measure
+from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.tuning import Tuning
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Price of a chip's shortfall beside moving a vertex by a bin's width; above some 1, chips that
+# contradict each other distort the mesh for nothing.
+PRICE = 0.5
+# Vertices of a bin from which on its chip is worth half of what it can be.
+HALF_WORTH = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Cover:
+    """A displacement of a reference frame, in its root areas, carried to other frames.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Positions of the reference frame.
+    F : (F, 3) int
+        Triangles of all frames.
+    """
+
+    V: FloatArray
+    F: IntArray
+
+    @cached_property
+    def root_area(self) -> float:
+        """Square root of the reference frame's area."""
+        return float(np.sqrt(face_areas(self.V, self.F).sum()))
+
+    @cached_property
+    def deformation(self) -> Deformation:
+        """How the surface turns and stretches from the reference to other frames."""
+        return Deformation(self.V, self.F)
+
+    def laid(
+        self, P: FloatArray, d: FloatArray, original: ClosestPoints
+    ) -> tuple[FloatArray, FloatArray]:
+        """Lay a displacement (3 N,) over another frame's surface.
+
+        Returns
+        -------
+        X : (N, 3) float64
+            Positions on the surface P, no face turned over.
+        share : (N,) float64
+            How much of its move that left each vertex.
+        """
+        moves = self.root_area * self.deformation.carry(d.reshape(-1, 3), P)
+        wanted = original.points(P + moves)
+        share = allowed_shares(P, wanted, self.F, np.inf)
+        return P + share[:, None] * (wanted - P), share
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What came of a displacement in one pose.
+
+    Parameters
+    ----------
+    demand : Demand
+        What the pose asks for.
+    share : (N,) float64
+        How much of its move each vertex was left.
+    chips : (C, K) float64
+        Chips times their words' signs: positive where right.
+    held : (C, K) bool
+        Which of them are no erasures.
+    """
+
+    demand: Demand
+    share: FloatArray
+    chips: FloatArray
+    held: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class AskPose:
+    """Measures displacements in poses of an animation; picklable, for worker processes.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Frames as analysis sees them, of one topology.
+    cover : Cover
+        Carries displacements to them.
+    anchors : (C,) int
+        Vertices.
+    words : (C, K) int
+        Word of each anchor.
+    tuning : Tuning
+        Bins and strength.
+    """
+
+    animation: MeshAnimation
+    cover: Cover
+    anchors: IntArray
+    words: IntArray
+    tuning: Tuning
+
+    def __call__(self, work: tuple[int, FloatArray]) -> Asked:
+        """Lay a displacement over frame `index`, and see what its chips still want."""
+        index, d = work
+        P, F = self.animation[index].points, self.cover.F
+        X, share = self.cover.laid(P, d, ClosestPoints(P, F))
+        s, n, J = self._chips(X, F)
+        right = self.words * s
+        held = n >= LEAST_COUNT
+        G = self.cover.deformation.gradients(P)
+        blocks = bsr_matrix((G, np.arange(len(G)), np.arange(len(G) + 1)))
+        signs = diags_array(self.words.ravel() * self.cover.root_area)
+        J = csr_matrix(signs @ J @ blocks)
+        lacking = np.where(held, self.tuning.strength - right, 0.0).ravel()
+        worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
+        demand = Demand(J, lacking + J @ d, PRICE * self.tuning.width**2 * worth)
+        return Asked(demand, share, right, held)
+
+    def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
+        """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
+        K, width = self.tuning.bins, self.tuning.width
+        nears = measure_from(X, F, self.anchors)
+        found = [self._one_piece(near, K, width, len(X)) for near in nears]
+        order = np.argsort(_places(self.anchors, nears), kind="stable")
+        s, n = (np.concatenate([item[k] for item in found])[order] for k in (0, 1))
+        rows = (order[:, None] * K + np.arange(K)).ravel()
+        blocks = [item[2] for item in found]
+        J = blocks[0] if len(blocks) == 1 else csr_matrix(vstack(blocks))
+        return s, n, csr_matrix(J[rows])
+
+    @staticmethod
+    def _one_piece(
+        near: Neighbourhood, K: int, width: float, n_points: int
+    ) -> tuple[FloatArray, FloatArray, csr_matrix]:
+        weights = vertex_weights(near, width)
+        s, n = measure(profiles_of(near, weights, width, cells_needed(K)), K, 1)
+        return s[0], n[0], chip_gradients(near, weights, width, K, n_points)
+
+
+def held_chips(V: FloatArray, F: IntArray, anchors: IntArray, tuning: Tuning) -> int:
+    """Count the chips of a mesh that have enough vertices to say something."""
+    held = 0
+    for near in measure_from(V, F, anchors):
+        weights = vertex_weights(near, tuning.width)
+        profiles = profiles_of(near, weights, tuning.width, cells_needed(tuning.bins))
+        _, n = measure(profiles, tuning.bins, 1)
+        held += int(np.count_nonzero(n >= LEAST_COUNT))
+    return held
+
+
+def _places(anchors: IntArray, nears: list[Neighbourhood]) -> IntArray:
+    """Place in `anchors` of every anchor, piece after piece."""
+    listed = np.concatenate([near.anchors for near in nears])
+    return np.array([int(np.flatnonzero(anchors == vertex)[0]) for vertex in listed])

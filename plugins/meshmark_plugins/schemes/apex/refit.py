@@ -1,0 +1,67 @@
+"""Moves vertices along their normals until the marked surface lies on the original one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, diags_array
+
+from meshmark.geometry import area_vectors, unit, vertex_normals
+from meshmark.surface import ClosestPoints
+from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+ROUNDS = 2
+ITERATIONS = 12
+# Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
+DAMPING = 0.02
+# Points of a triangle that are to lie on the original, in barycentric coordinates.
+_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+
+
+def refit(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
+    """Fit a surface to another one, moving vertices along their normals only.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertices near the original surface.
+    F : (F, 3) int
+        Triangles.
+    original : ClosestPoints
+        The surface to lie on.
+
+    Returns
+    -------
+    (N, 3) float64
+        Vertices that slid over a bend cut its corner or stick out of it; these share the error
+        between both sides, in the sense of least squares.
+    """
+    for _ in range(ROUNDS):
+        normals = vertex_normals(V, F)
+        V = V + _offsets(V, F, normals, original)[:, None] * normals
+    return V
+
+
+def _offsets(
+    V: FloatArray, F: IntArray, normals: FloatArray, original: ClosestPoints
+) -> FloatArray:
+    n_samples = len(_SAMPLES)
+    vectors = area_vectors(V, F)
+    areas, n = np.linalg.norm(vectors, axis=1), unit(vectors)
+    Q = np.einsum("sk,fkx->fsx", _SAMPLES, V[F])
+    foot = original.points(Q.reshape(-1, 3)).reshape(Q.shape)
+    wanted = np.einsum("fsx,fx->fs", foot - Q, n)
+    weight = np.sqrt(np.maximum(areas, 1e-3 * areas.mean()) / n_samples)
+    along = np.einsum("fkx,fx->fk", normals[F], n) * weight[:, None]
+    values = _SAMPLES[None] * along[:, None, :]
+    rows = np.repeat(np.arange(len(F) * n_samples), 3)
+    columns = np.repeat(F, n_samples, axis=0).ravel()
+    M = csr_matrix((values.ravel(), (rows, columns)), shape=(len(F) * n_samples, len(V)))
+    A = csr_matrix(M.T @ M)
+    diagonal = A.diagonal()
+    A = csr_matrix(A + DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
+    b = M.T @ (wanted * weight[:, None]).ravel()
+    return solve(A, b, np.zeros(len(V)), 1.0 / A.diagonal(), ITERATIONS, 1e-6)

@@ -1,0 +1,146 @@
+"""A look at one frame: its pieces, their anchors, and the distances from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.errors import CapacityError
+from meshmark.geometry import vertex_areas
+from meshmark_plugins.schemes.apex.anchors import find_anchors
+from meshmark_plugins.schemes.apex.pieces import Piece, split
+from meshmark_plugins.schemes.apex.radial import RadialDistances
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# What counts as the neighbourhood of an anchor, in root areas.
+VICINITY = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """The anchors of one piece of a frame, and how far everything is from them.
+
+    Parameters
+    ----------
+    piece : Piece
+        Which vertices and triangles.
+    V : (n, 3) float64
+        Positions of the piece's vertices.
+    root_area : float
+        Square root of the piece's area.
+    anchors : (m,) int
+        Vertices of the mesh (not of the piece).
+    persistence : (m,) float64
+        How far each stands out, in root areas; 0 where it was given, not found.
+    H : (m, n) float64
+        Distance of the piece's vertices from each anchor, in root areas.
+    """
+
+    piece: Piece
+    V: FloatArray
+    root_area: float
+    anchors: IntArray
+    persistence: FloatArray
+    H: FloatArray
+
+    @property
+    def bulk(self) -> FloatArray:
+        """Share of the piece's area within `VICINITY` of each anchor, (m,).
+
+        It tells a nose from a hoof from a tail, and hardly changes as the body moves.
+        """
+        return self._shares((self.H < VICINITY).astype(np.float64))
+
+    @property
+    def remoteness(self) -> FloatArray:
+        """Mean distance of the piece's surface from each anchor, (m,), in root areas."""
+        return self._shares(self.H)
+
+    def _shares(self, values: FloatArray) -> FloatArray:
+        areas = vertex_areas(self.V, self.piece.faces)
+        mean: FloatArray = values @ areas / areas.sum()
+        return mean
+
+
+def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbourhood]:
+    """Find the anchors of a mesh, and measure from them.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles.
+    least : float
+        Least persistence of an anchor, in root areas of its piece.
+    most : int
+        Most anchors, over all pieces.
+
+    Raises
+    ------
+    CapacityError
+        If there is no anchor.
+    """
+    found = []
+    for piece in split(V, F):
+        points = V[piece.vertices]
+        radial = RadialDistances(points, piece.faces)
+        maxima = find_anchors(points, piece.faces, radial, least, most)
+        if maxima.vertices.size:
+            found.append((piece, points, radial, maxima))
+    if not found:
+        raise CapacityError(
+            "no part of the mesh sticks out far enough to measure from: "
+            "a mark needs tips such as hands, feet, ears or a tail"
+        )
+    every = np.sort(np.concatenate([maxima.persistence for *_, maxima in found]))[::-1]
+    enough = every[min(most, len(every)) - 1]
+    return [
+        _measured(piece, points, radial, maxima.vertices[kept], maxima.persistence[kept])
+        for piece, points, radial, maxima in found
+        if (kept := maxima.persistence >= enough).any()
+    ]
+
+
+def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbourhood]:
+    """Measure from anchors that are known already, piece by piece.
+
+    Raises
+    ------
+    CapacityError
+        If one of them lies in no piece.
+    """
+    found, left = [], len(anchors)
+    for piece in split(V, F):
+        place = np.full(len(V), -1)
+        place[piece.vertices] = np.arange(len(piece.vertices))
+        own = place[anchors][place[anchors] >= 0]
+        if own.size:
+            points = V[piece.vertices]
+            radial = RadialDistances(points, piece.faces)
+            found.append(_measured(piece, points, radial, own, np.zeros(len(own))))
+            left -= len(own)
+    if left:
+        raise CapacityError("an anchor lies in a piece that is too small in some frame")
+    return found
+
+
+def _measured(
+    piece: Piece,
+    points: FloatArray,
+    radial: RadialDistances,
+    anchors: IntArray,
+    persistence: FloatArray,
+) -> Neighbourhood:
+    return Neighbourhood(
+        piece=piece,
+        V=points,
+        root_area=radial.root_area,
+        anchors=piece.vertices[anchors],
+        persistence=persistence,
+        H=radial.from_vertices(anchors),
+    )
