@@ -50,16 +50,45 @@ def allowed_shares(
         length = np.linalg.norm(moved - V, axis=1)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
+    tilts = _Tilts(V, moved, F)
+    suspects = np.arange(len(F))
     for _ in range(HALVINGS):
-        corners = _offending_corners(V, V + share[:, None] * (moved - V), F)
-        if corners.size == 0:
-            break
+        corners = tilts.offending_corners(share, suspects)
         share[corners] *= 0.5
+        suspects = _faces_of(corners, F, len(V))
     # Dropping a corner's move may tilt a neighbour that leaned on it: each pass drops more
     # vertices, and with none moved nothing offends.
-    while (corners := _offending_corners(V, V + share[:, None] * (moved - V), F)).size:
+    while (corners := tilts.offending_corners(share, suspects)).size:
         share[corners] = 0.0
+        suspects = _faces_of(corners, F, len(V))
     return share
+
+
+class _Tilts:
+    """Tells which faces tilt too far; asked of few faces once most are known not to."""
+
+    def __init__(self, V: FloatArray, moved: FloatArray, F: IntArray) -> None:
+        self._V, self._move, self._F = V, moved - V, F
+        self._before = face_normals(V, F)
+        self._length = np.linalg.norm(self._before, axis=1)
+
+    def offending_corners(self, share: FloatArray, faces: IntArray) -> IntArray:
+        """List the corners of those of some faces that offend when moves are shortened so."""
+        F = self._F[faces]
+        moves = share[:, None] * self._move
+        touched = np.any(moves != 0.0, axis=1)[F].any(axis=1)
+        faces, F = faces[touched], F[touched]
+        after = face_normals(self._V + moves, F)
+        dot = np.einsum("ij,ij->i", self._before[faces], after)
+        size = self._length[faces] * np.linalg.norm(after, axis=1)
+        return np.unique(F[dot < LEAST_COSINE * size])
+
+
+def _faces_of(vertices: IntArray, F: IntArray, n_points: int) -> IntArray:
+    """List the faces that have one of the vertices for a corner."""
+    chosen = np.zeros(n_points, dtype=bool)
+    chosen[vertices] = True
+    return np.flatnonzero(chosen[F].any(axis=1))
 
 
 def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
@@ -70,14 +99,6 @@ def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
     degree = np.bincount(E.reshape(-1), minlength=len(V))
     mean: FloatArray = np.divide(total, degree, out=np.zeros(len(V)), where=degree > 0)
     return mean
-
-
-def _offending_corners(V: FloatArray, moved: FloatArray, F: IntArray) -> IntArray:
-    before, after = face_normals(V, F), face_normals(moved, F)
-    dot = np.einsum("ij,ij->i", before, after)
-    size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-    touched = np.any(V[F] != moved[F], axis=(1, 2))
-    return np.unique(F[touched & (dot < LEAST_COSINE * size)])
 
 
 def face_normals(V: FloatArray, F: IntArray) -> FloatArray:

@@ -232,12 +232,34 @@ _BEYOND = (
     ),
 )
 
+# What a leaked copy is likely to have been through, mild and rough, by frame and as a whole.
+_LEAKS = (
+    *_NONE,
+    *_noise(0.05, 0.1, 0.5),
+    *_quantization(11, 10, 8, 7),
+    *_ways("similarity", "similarity transformation", BOTH),
+    *_smoothing(5, 10, 30, 50),
+    *_simplification(10, 30, 50, 70, 90),
+    *_ways("simplification", "fast simplification 50 %", BOTH, ratio=0.5, method="fast"),
+    _each("subdivision", "frame", "Loop subdivision", scheme="loop"),
+    *_cropping(10, 30),
+    *_resampling(2, 4, 8),
+    _each("window", "animation", "window of a third", share=0.333),
+    _combined("reverse", "speed:factor=2,bake=true"),
+    _combined(
+        "cropping:share=0.1", "simplification:ratio=0.3", "similarity", "noise:amplitude=0.001"
+    ),
+    *_ways("remeshing-isotropic", "isotropic remeshing 1", FRAME, edge=1.0),
+    *_ways("remeshing-sdf", "marching cubes 128", FRAME, resolution=128),
+)
+
 SUITES: Mapping[str, Suite] = {
     suite.name: suite
     for suite in (
         Suite("tsai2014", _TSAI2014),
         Suite("liris", (*_first(_LIRIS), *_LIRIS)),
         Suite("animation", (*_LIRIS, *_BEYOND)),
+        Suite("leaks", _LEAKS),
     )
 }
 

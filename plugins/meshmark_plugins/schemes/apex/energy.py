@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
-FLATNESS = 0.003
+FLATNESS = 0.01
 # Weight of stretching beside moving, for stretches over a bin.
 STIFFNESS = 3.0
 # A triangle of a mean area's share below 1 / SLIVER is no stiffer than that.

@@ -156,8 +156,18 @@ def _solve(
     for _ in range(rounds):
         asked = list(workers.map([(t, d) for t in poses]))
         d = displacement([item.demand for item in asked], energy, REACH * width, d)
-    shares = np.min([item.share for item in workers.map([(t, d) for t in poses])], axis=0)
-    return d * np.repeat(shares, 3)
+    return d * np.repeat(_shares(cover, points, d), 3)
+
+
+def _shares(cover: Cover, poses: list[FloatArray], d: FloatArray) -> FloatArray:
+    """Find the share of its move that every pose leaves each vertex, (N,).
+
+    What one pose would have to hold back is held back in all: a move that comes and goes is
+    seen, one that is shorter is not.
+    """
+    shares = [cover.laid(P, d, ClosestPoints(P, cover.F))[1] for P in poses]
+    least: FloatArray = np.min(shares, axis=0)
+    return least
 
 
 def within_limit(plan: SurfacePlan, animation: MeshAnimation, max_mrms: float) -> SurfacePlan:

@@ -82,8 +82,6 @@ class Asked:
     ----------
     demand : Demand
         What the pose asks for.
-    share : (N,) float64
-        How much of its move each vertex was left.
     chips : (C, K) float64
         Chips times their words' signs: positive where right.
     held : (C, K) bool
@@ -91,7 +89,6 @@ class Asked:
     """
 
     demand: Demand
-    share: FloatArray
     chips: FloatArray
     held: NDArray[np.bool_]
 
@@ -124,7 +121,7 @@ class AskPose:
         """Lay a displacement over frame `index`, and see what its chips still want."""
         index, d = work
         P, F = self.animation[index].points, self.cover.F
-        X, share = self.cover.laid(P, d, ClosestPoints(P, F))
+        X, _ = self.cover.laid(P, d, ClosestPoints(P, F))
         s, n, J = self._chips(X, F)
         right = self.words * s
         held = n >= LEAST_COUNT
@@ -135,7 +132,7 @@ class AskPose:
         lacking = np.where(held, self.tuning.strength - right, 0.0).ravel()
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
         demand = Demand(J, lacking + J @ d, PRICE * self.tuning.width**2 * worth)
-        return Asked(demand, share, right, held)
+        return Asked(demand, right, held)
 
     def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
