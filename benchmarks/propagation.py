@@ -48,6 +48,7 @@ def main() -> None:
                 f"{spent.mrms_rel:.6f}",
                 f"{spent.flipped_faces:g}",
                 f"{spent.flicker:.2f}",
+                f"{spent.flicker_world:.2f}",
             ]
         )
     left.set(xlabel="frame", ylabel="share of wrong bits, all parts", ylim=(0, 0.5))
@@ -79,6 +80,7 @@ def _page(rows: list) -> str:
         "MRMS / diagonal",
         "flipped faces",
         "flicker",
+        "flicker in space",
     )
     return f"""# Two ways through the frames
 
@@ -93,7 +95,8 @@ not in another.
 
 {table(columns, rows)}
 
-Flicker is the change of the displacement between neighbouring frames over the displacement.
+Flicker is the change of the displacement between neighbouring frames over the displacement, once
+the moving surface has carried it along; in space it is that of the bare difference.
 
 ![wrong bits and evidence, frame by frame](propagation.png)
 """

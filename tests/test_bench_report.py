@@ -41,6 +41,7 @@ DISTORTION = {
             "flipped_faces": 0.0,
             "max_move_edges": 1.0,
             "flicker": 0.5,
+            "flicker_world": 0.625,
             "smallest_angle": 0.25,
         }
     ],

@@ -7,12 +7,14 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, UsageError
 from meshmark.metrics import (
     distortion,
     flicker,
+    flicker_world,
     flipped_faces,
     hausdorff,
     jitter,
@@ -21,7 +23,10 @@ from meshmark.metrics import (
     mrms,
     surface_distance,
 )
+from meshmark.metrics.motion import Flicker
 from meshmark.testing.attacks import bending_ball, sphere
+
+ALTERNATING = np.array([1, -1, 1, -1, 1, -1])[:, None, None]
 
 
 def plane(n: int, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -201,18 +206,57 @@ def test_jitter_knows_the_time_between_frames():
     assert jitter(P, D, t) == pytest.approx(0.3)
 
 
-def test_flicker_of_known_displacements():
+def test_flicker_of_known_displacements_on_a_surface_at_rest():
+    V, F = sphere(400)
+    P = np.repeat(V[None], 60, axis=0)
     D = np.random.default_rng(0).normal(size=(1, 400, 3))
     still = np.repeat(D, 6, axis=0)
-    assert flicker(still) == 0.0
-    assert flicker(still * np.array([1, -1, 1, -1, 1, -1])[:, None, None]) == pytest.approx(2)
     fresh = np.random.default_rng(1).normal(size=(60, 400, 3))
-    assert flicker(fresh) == pytest.approx(math.sqrt(2), rel=0.02)
-    assert flicker(0 * still) == 0.0
-    assert flicker(D) == 0.0
     # A sine of period 60 changes by 2 sin(pi / 60) of its size a frame.
-    wave = np.sin(2 * np.pi * np.arange(61) / 60)[:, None, None] * D
-    assert flicker(wave) == pytest.approx(2 * math.sin(math.pi / 60), rel=0.02)
+    wave = np.sin(2 * np.pi * np.arange(60) / 60)[:, None, None] * D
+    for measure in (flicker_world, lambda D: flicker(P[: len(D)], D, F)):
+        assert measure(still) == pytest.approx(0, abs=1e-12)
+        assert measure(still * ALTERNATING) == pytest.approx(2)
+        assert measure(fresh) == pytest.approx(math.sqrt(2), rel=0.02)
+        assert measure(0 * still) == 0.0
+        assert measure(D) == 0.0
+        assert measure(wave) == pytest.approx(2 * math.sin(math.pi / 60), rel=0.02)
+
+
+def test_what_is_glued_to_a_turning_mesh_rests_on_it_but_not_in_space():
+    V, F = sphere(400)
+    angle = np.radians(20)
+    turns = Rotation.from_rotvec(np.outer(np.arange(6) * angle, [0, 0, 1])).as_matrix()
+    D = np.random.default_rng(0).normal(size=(400, 3))
+    # A displacement along the axis does not turn.
+    D[:, 2] = 0
+    P, glued = (X @ np.swapaxes(turns, 1, 2) for X in (V, D))
+    P += np.arange(6)[:, None, None] * [3, 2, 1]
+    assert flicker(P, glued, F) == pytest.approx(0, abs=1e-12)
+    assert flicker_world(glued) == pytest.approx(2 * math.sin(angle / 2))
+    assert flicker(P, glued * ALTERNATING, F) == pytest.approx(2)
+    assert flicker_world(glued * ALTERNATING) == pytest.approx(2 * math.cos(angle / 2))
+    # And what stays in space slides over the surface.
+    assert flicker(P, np.stack([D] * 6), F) == pytest.approx(2 * math.sin(angle / 2))
+
+
+def test_what_is_glued_to_a_growing_mesh_grows_with_it():
+    V, F = sphere(400)
+    D = np.random.default_rng(0).normal(size=(400, 3))
+    growth = np.array([1.0, 2, 4, 8])[:, None, None]
+    assert flicker(growth * V, growth * D, F) == pytest.approx(0, abs=1e-12)
+    # Steps of 1, 2 and 4 between sizes of 1, 2, 4 and 8.
+    assert flicker_world(growth * D) == pytest.approx(math.sqrt((21 / 3) / (85 / 4)))
+
+
+def test_flicker_is_not_taken_across_a_change_of_faces():
+    V, F = sphere(60)
+    D = np.random.default_rng(0).normal(size=(60, 3))
+    total = Flicker()
+    for sign, faces in [(1, F), (-1, F[::-1]), (-1, F[::-1])]:
+        total.add(V, sign * D, faces)
+    assert total.ratio() == pytest.approx(0, abs=1e-12)
+    assert total.ratio_world() == 0.0
 
 
 def test_distortion_gathers_the_measures_over_frames():
@@ -223,6 +267,7 @@ def test_distortion_gathers_the_measures_over_frames():
     found = distortion(before, after)
     mean = np.mean(heights)
     diagonal = 2 * math.sqrt(2)
+    flickering = math.sqrt((0.01 + 0.04) / 2 / ((0.01 + 0.04 + 0.16) / 3))
     edge = (220 * 0.2 + 100 * 0.2 * math.sqrt(2)) / 320
     assert asdict(found) == pytest.approx(
         {
@@ -234,7 +279,8 @@ def test_distortion_gathers_the_measures_over_frames():
             "min_angle_change": 0.0,
             "max_move_edges": mean / edge,
             "texture_drift": math.nan,
-            "flicker": math.sqrt((0.01 + 0.04) / 2 / ((0.01 + 0.04 + 0.16) / 3)),
+            "flicker": flickering,
+            "flicker_world": flickering,
             "jitter": math.inf,
         },
         nan_ok=True,
@@ -267,7 +313,7 @@ def test_other_connectivities_are_compared_as_surfaces_only():
     assert found.hausdorff == pytest.approx(0.5)
     surface = {"hausdorff", "mrms", "hausdorff_rel", "mrms_rel"}
     others = {name: value for name, value in asdict(found).items() if name not in surface}
-    assert len(others) == 6
+    assert len(others) == 7
     assert all(math.isnan(value) for value in others.values())
 
 

@@ -84,7 +84,7 @@ def _frames(asset: Row) -> str:
 
 
 def _distortion_table(rows: Sequence[Row]) -> str:
-    names = ("flipped_faces", "max_move_edges", "flicker")
+    names = ("flipped_faces", "max_move_edges", "flicker", "flicker_world")
     known = {"asset", "scheme", "prim", "error", "paper", "hausdorff", "mrms"}
     known |= {"hausdorff_rel", "mrms_rel", *names}
     extra = [name for name in rows[0] if name not in known]
@@ -100,7 +100,8 @@ def _distortion_table(rows: Sequence[Row]) -> str:
         for row in rows
     ]
     note = (
-        "Means over the frames, flicker and jitter across them. The paper gives no unit of "
+        "Means over the frames, flicker and jitter across them: flicker on the moving surface, "
+        "and in space, where what rests on a turning limb shows too. The paper gives no unit of "
         "length; its figures are compared with ours over the diagonal of the bounding box."
     )
     return f"{table(header, lines)}\n\n{note}"

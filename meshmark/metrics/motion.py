@@ -7,11 +7,41 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.deformation import Deformation
+
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
-def flicker(D: FloatArray) -> float:
-    """Measure how restless displacements are over time.
+def flicker(P: FloatArray, D: FloatArray, F: IntArray) -> float:
+    """Measure how restless displacements are on the surface that carries them.
+
+    Parameters
+    ----------
+    P : (T, N, 3) float64
+        Original positions in consecutive frames.
+    D : (T, N, 3) float64
+        Displacement of each vertex.
+    F : (F, 3) int
+        Triangles.
+
+    Returns
+    -------
+    float
+        RMS of D[t + 1] - G D[t] over the RMS of D, over all vertices and frames, where G is the
+        gradient of the originals' `Deformation` from t to t + 1: 0 for a displacement that turns
+        and stretches with the surface, 2 for one that alternates in sign on it; on a surface at
+        rest sqrt(2) for one that is new in every frame. 0 too without displacement or with a
+        single frame.
+    """
+    total = Flicker()
+    for positions, displacement in zip(P, D, strict=True):
+        total.add(positions, displacement, F)
+    return total.ratio()
+
+
+def flicker_world(D: FloatArray) -> float:
+    """Measure how restless displacements are in space, whatever their surface does.
 
     Parameters
     ----------
@@ -21,14 +51,12 @@ def flicker(D: FloatArray) -> float:
     Returns
     -------
     float
-        RMS of D[t + 1] - D[t] over the RMS of D, over all vertices and frames: 0 for a
-        displacement that stays, sqrt(2) for one that is new in every frame, 2 for one that
-        alternates in sign; 0 too without displacement or with a single frame.
+        RMS of D[t + 1] - D[t] over the RMS of D, over all vertices and frames. One that rests on
+        a surface which turns by an angle about an axis across it shows 2 sin(angle / 2).
     """
-    total = Flicker()
-    for displacement in D:
-        total.add(displacement)
-    return total.ratio()
+    if len(D) < 2 or not D.any():
+        return 0.0
+    return math.sqrt(_mean_square(np.diff(D, axis=0)) / _mean_square(D))
 
 
 def jitter(P: FloatArray, D: FloatArray, times: FloatArray | None = None) -> float:
@@ -69,26 +97,41 @@ def jitter(P: FloatArray, D: FloatArray, times: FloatArray | None = None) -> flo
 
 
 class Flicker:
-    """Sums for `flicker`, one frame at a time."""
+    """Sums for `flicker` and `flicker_world`, one frame at a time; one is held."""
 
     def __init__(self) -> None:
-        self._last: FloatArray | None = None
-        self._size = self._change = 0.0
-        self._frames = 0
+        self._last: tuple[FloatArray, FloatArray, IntArray] | None = None
+        self._size = self._change = self._change_world = 0.0
+        self._frames = self._pairs = 0
 
-    def add(self, D: FloatArray) -> None:
-        """Take in the displacement of the next frame, (N, 3)."""
-        self._size += float(np.mean(np.sum(D**2, axis=1)))
-        if self._last is not None and len(self._last) == len(D):
-            self._change += float(np.mean(np.sum((D - self._last) ** 2, axis=1)))
-        self._last = D
+    def add(self, P: FloatArray, D: FloatArray, F: IntArray) -> None:
+        """Take in original positions and displacement (N, 3), and triangles, of the next frame.
+
+        A frame whose triangles are not those of the frame before is compared with the next only.
+        """
+        self._size += _mean_square(D)
         self._frames += 1
+        if self._last is not None:
+            P_last, D_last, F_last = self._last
+            if len(P_last) == len(P) and (F_last is F or np.array_equal(F_last, F)):
+                carried = Deformation(P_last, F).carry(D_last, P)
+                self._change += _mean_square(D - carried)
+                self._change_world += _mean_square(D - D_last)
+                self._pairs += 1
+        self._last = P, D, F
 
     def ratio(self) -> float:
-        """Return the RMS change over the RMS size so far."""
-        if self._frames < 2 or self._size == 0.0:
+        """Return the RMS change on the surface over the RMS size so far."""
+        return self._over_size(self._change)
+
+    def ratio_world(self) -> float:
+        """Return the RMS change in space over the RMS size so far."""
+        return self._over_size(self._change_world)
+
+    def _over_size(self, change: float) -> float:
+        if self._pairs == 0 or self._size == 0.0:
             return 0.0
-        return math.sqrt((self._change / (self._frames - 1)) / (self._size / self._frames))
+        return math.sqrt((change / self._pairs) / (self._size / self._frames))
 
 
 class Jitter:
@@ -121,4 +164,9 @@ class Jitter:
 def _mean_square_acceleration(times: tuple[float, ...], X: tuple[FloatArray, ...]) -> float:
     before, after = times[1] - times[0], times[2] - times[1]
     a = ((X[2] - X[1]) / after - (X[1] - X[0]) / before) / ((before + after) / 2.0)
-    return float(np.mean(np.sum(a**2, axis=1)))
+    return _mean_square(a)
+
+
+def _mean_square(X: FloatArray) -> float:
+    """Average the squared length of vectors (..., 3)."""
+    return float(np.mean(np.sum(X**2, axis=-1)))

@@ -39,7 +39,10 @@ class Distortion:
         Farthest slide of a vertex under its texture coordinates, in texels of a 4k map; NaN
         without texture coordinates.
     flicker : float
-        Change of the displacement between neighbouring frames over the displacement.
+        Change of the displacement between neighbouring frames over the displacement, once the
+        moving surface has carried it along.
+    flicker_world : float
+        The same in space: it counts the turning of the surface too.
     jitter : float
         Acceleration of the displacement over that of the motion; NaN with fewer than three
         frames, inf without motion.
@@ -59,6 +62,7 @@ class Distortion:
     max_move_edges: float
     texture_drift: float
     flicker: float
+    flicker_world: float
     jitter: float
 
 
@@ -106,13 +110,14 @@ def distortion(
         rows.append(_frame_distortion(before, after, uv, samples, seed))
         if before.topology.same_as(after.topology):
             displacement = after.points - before.points
-            restlessness.add(displacement)
+            restlessness.add(before.points, displacement, before.faces)
             trembling.add(before.time, before.points, displacement)
     means = dict(zip(rows[0], np.mean([list(row.values()) for row in rows], axis=0), strict=True))
     shared = not math.isnan(means["max_move_edges"])
     return Distortion(
         **{name: float(mean) for name, mean in means.items()},
         flicker=restlessness.ratio() if shared else math.nan,
+        flicker_world=restlessness.ratio_world() if shared else math.nan,
         jitter=trembling.ratio() if shared else math.nan,
     )
 
