@@ -21,7 +21,7 @@ from meshmark.recipe import Recipe
 from meshmark.sources import read, texture_coordinates, writer
 from meshmark.validation import check
 from meshmark.verdict import PrimVerdict, Verdict
-from meshmark.verification import verify
+from meshmark.verification import gather, judge_all
 from meshmark.version import __version__
 
 # Called with (stage of the work, prim, frames done, frames in all).
@@ -110,16 +110,17 @@ def mark_file(
     if not dry_run:
         write(complete(marked))
     written = marked.asset if dry_run else reread(marked, target)
-    verdict = verify(
+    # Nobody smoothed what was written just now.
+    evidence = gather(
         written,
-        key,
         recipes=[recipe],
-        recipients=[] if recipient is None else [recipient],
         frames=frames,
-        fpr=TARGET_FPR,
+        restored=False,
         jobs=jobs,
         progress=_stage(progress, "verify"),
     )
+    recipients = [] if recipient is None else [recipient]
+    verdict = judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
     skipped = (*marked.skipped, *instanced)
     document = {
         "format": FORMAT,

@@ -61,6 +61,7 @@ def gather(
     *,
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
+    restored: bool = True,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> AssetEvidence:
@@ -72,6 +73,8 @@ def gather(
         Schemes to try; all there are, with default parameters, where empty.
     frames : str, optional
         Range A:B[:S] of time codes to look at; all by default.
+    restored : bool
+        Whether to look, too, at what the copy was before it may have been smoothed.
     """
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
@@ -84,7 +87,8 @@ def gather(
         for view in _views(whole, recipe, jobs):
             chosen = frames_in(view.animation, frames)
             try:
-                items.append(view.look(chosen, progress=_told(progress, view)))
+                restorations = view.restorations if restored else (0,)
+                items.append(view.look(chosen, restorations, _told(progress, view)))
             except CapacityError as error:
                 notes.append(_note(view, error))
     elapsed = time.perf_counter() - start
