@@ -105,16 +105,20 @@ def _subset_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
     (..., 2^M) float64
     """
     *lead, C, M = e.shape
-    table = np.zeros((*lead, 1 << M))
-    table[..., 0] = 1.0
-    masks = np.arange(1 << M)
-    without = [masks[masks & (1 << m) == 0] for m in range(M)]
+    # Leading axes last: every step then runs along memory.
+    e = np.moveaxis(e.reshape(-1, C, M), 0, -1)
+    idle = np.moveaxis(idle.reshape(-1, C), 0, -1)
+    n = e.shape[-1]
+    table = np.zeros((1 << M, n))
+    table[0] = 1.0
     for c in range(C):
-        grown = table * idle[..., c, None]
-        for m, free in enumerate(without):
-            grown[..., free | (1 << m)] += table[..., free] * e[..., c, m, None]
+        grown = table * idle[c]
+        for m in range(M):
+            # Subsets by their higher words, whether word m is among them, their lower words.
+            halves = (1 << (M - m - 1), 2, 1 << m, n)
+            grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * e[c, m]
         table = grown
-    return table
+    return table.T.reshape(*lead, 1 << M)
 
 
 def _used(n_used: int, n_given: int, M: int) -> IntArray:

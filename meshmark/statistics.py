@@ -34,7 +34,7 @@ TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
 # Belief that a carrier was destroyed.
 LOST = 0.15
 # Pairs of reading and tilt for which assignments are summed up.
-PROMISING = 24
+PROMISING = 8
 # Keys or recipients tried at once: bounds memory.
 AT_ONCE = 32
 
@@ -105,12 +105,12 @@ def _mean_of_readings(S: FloatArray, log_prior: FloatArray, words: IntArray) -> 
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
     null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1)
     log_e = TILTS[:, None, None] * score[:, :, None] - null.transpose(1, 0, 2)[..., None]
-    log_e = np.logaddexp(np.log(LOST), np.log1p(-LOST) + log_e)
-    log_e = log_e.reshape(len(words), R * len(TILTS), C, M)
+    # At most 2^K, so that hundreds of chips fit into a float.
+    e = (LOST + (1.0 - LOST) * np.exp(log_e)).reshape(len(words), R * len(TILTS), C, M)
     belief = np.repeat(log_prior, len(TILTS)) - np.log(len(TILTS))
-    promise = log_e.max(axis=-1).sum(axis=-1) + belief
+    promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
     chosen = np.argsort(-promise, axis=-1, kind="stable")[:, :PROMISING]
-    picked = np.take_along_axis(log_e, chosen[..., None, None], axis=1)
+    picked = np.log(np.take_along_axis(e, chosen[..., None, None], axis=1))
     mean: FloatArray = logsumexp(mean_over_assignments(picked) + belief[chosen], axis=-1)
     return mean
 
