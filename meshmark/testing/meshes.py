@@ -125,6 +125,67 @@ def dumbbell(n_around: int = 48, n_along: int = 96, neck: float = 0.3, length: f
     return revolution(r, z, n_around, poles=bottom_top)
 
 
+def capsule(n_around: int, n_along: int, radius: float = 0.3, length: float = 3.0) -> Mesh:
+    """Close a tube along the z axis by half spheres.
+
+    Parameters
+    ----------
+    n_around, n_along : int
+        Vertices around the axis and along the profile.
+    radius : float
+        Of the tube and of its ends.
+    length : float
+        Length of the tube without its ends.
+
+    Returns
+    -------
+    V : (n_around n_along + 2, 3) float64
+        The middle is at the origin; the last two are the tips, at z = -+(length / 2 + radius).
+    F : (2 n_around n_along, 3) int64
+        Facing outwards.
+    """
+    # By arc length from the middle, so that vertices are spread evenly along the profile.
+    half = 0.5 * (length + np.pi * radius)
+    s = np.linspace(-half, half, n_along + 2)[1:-1]
+    phi = np.clip((np.abs(s) - length / 2.0) / radius, 0.0, None)
+    z = np.sign(s) * (np.minimum(np.abs(s), length / 2.0) + radius * np.sin(phi))
+    tip = length / 2.0 + radius
+    return revolution(radius * np.cos(phi), z, n_around, poles=np.array([-tip, tip]))
+
+
+def bumpy_sphere(
+    level: int,
+    directions: FloatArray,
+    height: float | FloatArray = 1.5,
+    width: float | FloatArray = 0.3,
+) -> Mesh:
+    """Pull horns out of an icosphere of radius 1: one closed surface with a tip for each.
+
+    Parameters
+    ----------
+    level : int
+        See `icosphere`.
+    directions : (k, 3) float64
+        Where the horns are, as seen from the origin; of any length.
+    height : float or (k,) float64
+        Of the horns, above the sphere.
+    width : float or (k,) float64
+        Angle from a horn's axis at which its height is down to 1 / e.
+
+    Returns
+    -------
+    V : (10 * 4^level + 2, 3) float64
+        The tips are at (1 + height) times the unit directions, for horns well apart.
+    F : (20 * 4^level, 3) int64
+        Facing outwards.
+    """
+    V, F = icosphere(level)
+    axes = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    angle = np.arccos(np.clip(V @ axes.T, -1.0, 1.0))
+    r = 1.0 + (height * np.exp(-((angle / width) ** 2))).sum(axis=1)
+    return r[:, None] * V, F
+
+
 def bent_tube(
     n_around: int, n_along: int, radius: float = 0.3, length: float = 4.0, angle: float = np.pi / 2
 ) -> Mesh:
