@@ -13,9 +13,12 @@ IntArray = NDArray[np.int64]
 
 
 # How strongly assignments are believed to keep the order in which carriers and words are
-# listed; a third of the belief each. Belief falls by exp(-k) with every place that a carrier is
-# away from its word's. 0 is no belief in any order.
+# listed; a quarter of the belief each. Belief falls by exp(-k) with every place that a carrier
+# is away from its word's. 0 is no belief in any order. The last quarter is in the order alone:
+# where carriers were lost, or false ones joined, the others have other places.
 ORDERLINESS = (0.0, 1.0, 3.0)
+# How much less likely a false carrier is than one that holds a word, where order is kept.
+FALSE_CARRIER = 0.3
 
 
 def mean_over_assignments(log_e: FloatArray) -> FloatArray:
@@ -43,13 +46,13 @@ def mean_over_assignments(log_e: FloatArray) -> FloatArray:
     *_, C, M = log_e.shape
     scale = np.maximum(log_e.max(axis=-1, keepdims=True), 0.0)
     e, idle = np.exp(log_e - scale), np.exp(-scale[..., 0])
-    means = []
+    means = [_ordered_mean(e, idle)]
     for k in ORDERLINESS:
         weights, log_weight_sums = _order_weights(C, M, k)
         with np.errstate(divide="ignore"):
             log_table = np.log(_subset_sums(e * weights, idle))
         means.append(_sums_over_counts(log_table, C, M, log_weight_sums))
-    mean: FloatArray = logsumexp(np.array(means), axis=0) - np.log(len(ORDERLINESS))
+    mean: FloatArray = logsumexp(np.array(means), axis=0) - np.log(len(means))
     return mean + scale.sum(axis=(-2, -1))
 
 
@@ -57,6 +60,39 @@ def log_assignments(n_carriers: int, n_words: int) -> float:
     """Log of the number of ways to give words to carriers, each word at most once."""
     more, fewer = max(n_carriers, n_words), min(n_carriers, n_words)
     return float(gammaln(more + 1) - gammaln(more - fewer + 1))
+
+
+def _ordered_mean(e: FloatArray, idle: FloatArray) -> FloatArray:
+    """Log of the mean over the assignments that keep the order, over the counts of words.
+
+    Parameters
+    ----------
+    e : (..., C, M) float64
+        Factor of word m on carrier c.
+    idle : (..., C) float64
+        Factor of a carrier without a word.
+    """
+    *_, C, M = e.shape
+    counts = _ordered_sums(np.ones((C, M)), np.ones(C))
+    with np.errstate(divide="ignore"):
+        log_means = np.log(_ordered_sums(e, idle)) - np.log(counts)
+    mean: FloatArray = logsumexp(log_means + _log_beliefs(C, M), axis=-1)
+    return mean
+
+
+def _ordered_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
+    """Sum over the assignments that keep the order, with the first 1, 2, ... M words, (..., M).
+
+    A carrier may be false, at a belief of `FALSE_CARRIER`; any word may be missing.
+    """
+    *lead, C, M = e.shape
+    sums = np.ones((*lead, M + 1))
+    for c in range(C):
+        # Word m goes to this carrier, words before it to earlier ones; summed over m.
+        joined = np.cumsum(sums[..., :-1] * e[..., c, :], axis=-1)
+        sums = sums * (FALSE_CARRIER * idle[..., c, None])
+        sums[..., 1:] += joined
+    return sums[..., 1:]
 
 
 @lru_cache(maxsize=64)

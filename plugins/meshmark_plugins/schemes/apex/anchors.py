@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from meshmark.geometry import vertex_areas
-from meshmark.topology import boundary_edges
+from meshmark.topology import boundary_edges, vertex_adjacency
 from meshmark_plugins.schemes.apex.persistence import Maxima, persistent_maxima
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 
@@ -14,6 +16,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SAMPLES = 16
+# How far below a maximum its cap reaches, in root areas.
+CAP = 0.03
 
 
 def integral_distance(V: FloatArray, F: IntArray, radial: RadialDistances) -> FloatArray:
@@ -63,8 +67,47 @@ def find_anchors(
     most : int
         Most anchors to return.
     """
-    found = persistent_maxima(integral_distance(V, F, radial), F, least)
-    return Maxima(found.vertices[:most], found.persistence[:most])
+    f = integral_distance(V, F, radial)
+    found = persistent_maxima(f, F, least)
+    centred = centre_of_caps(V, F, f, found.vertices[:most])
+    return Maxima(centred, found.persistence[:most])
+
+
+def centre_of_caps(V: FloatArray, F: IntArray, f: FloatArray, maxima: IntArray) -> IntArray:
+    """Move each maximum to the middle of its cap, where f falls short of it by `CAP` at most.
+
+    The tip of a hoof or a hand is blunt: which of its vertices is the highest is decided by a
+    hair, and another one in the next pose. The middle of the tip stays.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles.
+    f : (N,) float64
+        The function.
+    maxima : (m,) int
+        Its maxima.
+
+    Returns
+    -------
+    (m,) int
+        The vertex of each cap that is nearest to its centre of gravity.
+    """
+    areas = vertex_areas(V, F)
+    adjacency = vertex_adjacency(F, len(V))
+    return np.array([_centre(V, f, areas, adjacency, int(top)) for top in maxima], dtype=np.int64)
+
+
+def _centre(
+    V: FloatArray, f: FloatArray, areas: FloatArray, adjacency: csr_matrix, top: int
+) -> int:
+    high = np.flatnonzero(f >= f[top] - CAP)
+    label = connected_components(adjacency[high][:, high], directed=False)[1]
+    cap = high[label == label[np.searchsorted(high, top)]]
+    centre = areas[cap] @ V[cap] / areas[cap].sum()
+    return int(cap[np.argmin(np.sum((V[cap] - centre) ** 2, axis=1))])
 
 
 def distance_to_border(V: FloatArray, F: IntArray, vertices: IntArray) -> FloatArray:
