@@ -13,6 +13,7 @@ from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
 
 FloatArray = NDArray[np.float64]
+SoftArray = NDArray[np.float32]
 
 # (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
 # reference; inf where a match is out of the question.
@@ -51,7 +52,8 @@ def by_looks(own: Sighting, reference: Sighting) -> FloatArray:
     carrier says in one frame, the same carrier says in the next, mark and mesh alike.
     """
     shape = cdist(own.descriptors, reference.descriptors)
-    return shape + AGREEMENT * (1.0 - _agreement(own.soft[0], reference.soft[0]))
+    said, told = (sighting.soft[0].astype(np.float64) for sighting in (own, reference))
+    return shape + AGREEMENT * (1.0 - _agreement(said, told))
 
 
 def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
@@ -61,9 +63,7 @@ def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
     return S @ reference.T
 
 
-def aligned(
-    sightings: Sequence[Sighting | None], matcher: Matcher
-) -> tuple[FloatArray, FloatArray]:
+def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> tuple[SoftArray, FloatArray]:
     """Put the carriers of every frame into the order of the frame that shows the most.
 
     Carriers are matched one to one, at the least total cost. That needs no key, so a wrong
@@ -71,7 +71,7 @@ def aligned(
 
     Returns
     -------
-    soft : (T, R, C, K) float64
+    soft : (T, R, C, K) float32
         A carrier missing from a frame is all erasures there.
     log_prior : (R,) float64
 
@@ -88,8 +88,8 @@ def aligned(
     return soft, reference.log_prior
 
 
-def _align(sighting: Sighting | None, reference: Sighting, matcher: Matcher) -> FloatArray:
-    soft = np.zeros_like(reference.soft)
+def _align(sighting: Sighting | None, reference: Sighting, matcher: Matcher) -> SoftArray:
+    soft = np.zeros(reference.soft.shape, dtype=np.float32)
     if sighting is not None:
         cost = matcher(sighting, reference)
         own, theirs = linear_sum_assignment(np.minimum(cost, _NEVER))

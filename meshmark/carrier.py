@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class Sighting:
 
     Parameters
     ----------
-    soft : (R, C, K) float64
+    soft : (R, C, K) float
         Evidence of the K chips of C carriers in [-1, 1], for each of R readings; 0 for an
         erasure, which says neither +1 nor -1. Measured without any key.
     log_prior : (R,) float64
@@ -77,7 +78,7 @@ class Sighting:
         Vertex at which each carrier stands, where it stands at one.
     """
 
-    soft: FloatArray
+    soft: NDArray[np.floating[Any]]
     log_prior: FloatArray
     descriptors: FloatArray
     vertices: IntArray | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,7 +68,7 @@ class Observer:
     def __call__(self, index: int) -> Sightings:
         """Measure frame `index` under every restoration; None where nothing is found."""
         frame = self.animation[index]
-        return tuple(self._sight(unsmooth(frame, n), n) for n in self.restorations)
+        return tuple(_compact(self._sight(unsmooth(frame, n), n)) for n in self.restorations)
 
     def _sight(self, frame: Frame, restored: int) -> Sighting | None:
         scheme = self.scheme
@@ -84,6 +84,11 @@ class Observer:
             return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
         except CapacityError:
             return None
+
+
+def _compact(sighting: Sighting | None) -> Sighting | None:
+    """Keep evidence in two bytes a number, finer than the steps it is judged in."""
+    return sighting and replace(sighting, soft=sighting.soft.astype(np.float16))
 
 
 class Extraction:

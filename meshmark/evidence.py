@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,11 @@ class Strand:
 
     @classmethod
     def of(
-        cls, soft: FloatArray, log_prior: FloatArray, restored: int = 0, log_belief: float = 0.0
+        cls,
+        soft: NDArray[np.floating[Any]],
+        log_prior: FloatArray,
+        restored: int = 0,
+        log_belief: float = 0.0,
     ) -> Strand:
         """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
         steps = np.rint(STEPS * soft)

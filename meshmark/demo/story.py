@@ -16,6 +16,7 @@ from meshmark.plugins import make_attack
 from meshmark.publishing import Progress, mark_file
 from meshmark.recipe import Recipe
 from meshmark.sources import read
+from meshmark.timeline import AUTO
 from meshmark.verdict import Verdict
 from meshmark.verification import verify
 
@@ -93,7 +94,7 @@ def _key(path: Path) -> Key:
 
 
 def _ask(source: Path, key: Key, jobs: int) -> Verdict:
-    return verify(read(source), key, recipes=[Recipe()], jobs=jobs)
+    return verify(read(source), key, recipes=[Recipe()], frames=AUTO, jobs=jobs)
 
 
 def _row(label: str, verdict: Verdict) -> str:
