@@ -42,24 +42,26 @@ def _draw(rows: Sequence[Row], document: Mapping[str, Any], path: Path) -> None:
     from matplotlib.figure import Figure
 
     labels = list(dict.fromkeys(row["label"] for row in rows))
-    figure = Figure(figsize=(10, 4), layout="constrained")
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     colors = mpl.color_sequences["tab10"]
     for k, (name, own) in enumerate(_series(rows).items()):
         color = colors[k % len(colors)]
         x = [labels.index(row["label"]) for row in own]
-        left.plot(x, _values(own, "ber_avg"), "o-", color=color, label=f"{name}, avg")
-        left.plot(x, _values(own, "ber_max"), "^:", color=color, label=f"{name}, max")
-        right.plot(x, _values(own, "log10_p"), "o-", color=color, label=name)
+        left.plot(x, _values(own, "ber_avg"), "o-", color=color, label=name)
+        left.plot(x, _values(own, "ber_max"), "^:", color=color)
+        right.plot(x, _values(own, "log10_p"), "o-", color=color)
         control = [row["control"] for row in own]
-        right.plot(x, _values(control, "log10_p"), "x:", color=color, label=f"{name}, unmarked")
-    left.set(ylabel="BER of the best part", ylim=(-0.02, 0.52))
-    right.set(ylabel="log10 p, all frames")
+        right.plot(x, _values(control, "log10_p"), "x:", color=color)
+    left.set(ylabel="BER of the best part (dotted: maximum)")
+    left.set_ylim(-0.02, max(0.52, left.get_ylim()[1]))
+    right.set(ylabel="log10 p, all frames (dotted: unmarked)")
     right.axhline(_log10(document["fpr"]), color="0.6", lw=1)
     for axis in (left, right):
         axis.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
-        axis.legend(fontsize="x-small")
+    # Below both: many curves leave no place inside.
+    figure.legend(loc="outside lower center", ncols=2, fontsize="x-small")
     # A fixed text for what would otherwise be a version: equal runs give equal files.
     figure.savefig(path, dpi=110, metadata={"Software": "meshmark"})
 
