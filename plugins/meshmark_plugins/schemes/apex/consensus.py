@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import MeshAnimation
+from meshmark.animation import MeshAnimation, Topology
 from meshmark.errors import CapacityError
 from meshmark.geometry import face_areas
 from meshmark.parallel import ordered_map
@@ -144,7 +144,7 @@ def _medoid(V: FloatArray, vertices: list[int]) -> int:
 
 
 def _survivors(
-    topology: object, V: FloatArray, F: IntArray, anchors: IntArray, near: float
+    topology: Topology, V: FloatArray, F: IntArray, anchors: IntArray, near: float
 ) -> IntArray:
     """Keep the anchors that are found again after smoothing; all if none is."""
     smoothed = smooth(V, polygon_umbrella(topology), TRIAL)
