@@ -98,7 +98,7 @@ def decide(
     recipients: Sequence[str] = (),
     fpr: float = 1e-6,
     n_schemes: int = 1,
-    n_looks: int = 1,
+    share: float = 1.0,
     elapsed_s: float = 0.0,
     notes: Sequence[str] = (),
 ) -> Verdict:
@@ -114,16 +114,18 @@ def decide(
         Largest p that still counts as marked.
     n_schemes : int
         Number of schemes tried; each mesh pays for them.
-    n_looks : int
-        Number of times a verdict may be asked for, of which this is one.
+    share : float
+        Share of the false-positive rate that this verdict may spend, where several are asked
+        for: the shares of all must sum to at most 1.
 
     Notes
     -----
-    The best of n hypotheses is worth n times its p (union bound): looks, schemes and recipients
-    for each mesh, meshes for the source.
+    The best of n hypotheses is worth n times its p (union bound): schemes and recipients for
+    each mesh, meshes for the source; a verdict that may spend a share of the rate, its p over
+    that share.
     """
     hypotheses: tuple[str | None, ...] = (None, *recipients)
-    price = float(np.log10(n_looks * n_schemes * len(hypotheses)))
+    price = float(np.log10(n_schemes * len(hypotheses) / share))
     by_prim: dict[str, list[Evidence]] = {}
     for item in evidence:
         by_prim.setdefault(item.prim, []).append(item)

@@ -169,8 +169,8 @@ def verify_in_looks(
 ) -> Verdict:
     """Look at few frames first, and at more only while the answer is not "marked".
 
-    Each look is one of a number fixed beforehand, and pays for them all; so does each scheme,
-    tried one after the other. Parameters are those of `verify`.
+    The looks are fixed beforehand, and share the false-positive rate among them; so do the
+    schemes, tried one after the other. Parameters are those of `verify`.
     """
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
@@ -197,7 +197,7 @@ def verify_in_looks(
                 recipients=names,
                 fpr=fpr,
                 n_schemes=len(tried),
-                n_looks=len(LOOKS),
+                share=look.share,
             )
             if best is None or _better(verdict, best):
                 best = verdict
@@ -226,10 +226,13 @@ class Look:
         Number of frames, evenly spaced from the first; None for all.
     restored : bool
         Whether smoothing is undone, too.
+    share : float
+        Share of the false-positive rate it may spend.
     """
 
     frames: int | None
     restored: bool
+    share: float
 
     def at(self, view: Extraction, progress: Callable[[int, int], None] | None) -> Evidence:
         """Measure that much of a mesh; what was measured before is not measured again."""
@@ -241,7 +244,14 @@ class Look:
         return view.look(chosen, view.restorations if self.restored else (0,), progress)
 
 
-LOOKS = (Look(1, False), Look(1, True), Look(4, True), Look(12, True), Look(None, True))
+# Half of the rate is kept for the look at everything: what few frames cannot show, all must.
+LOOKS = (
+    Look(1, False, 1 / 8),
+    Look(1, True, 1 / 8),
+    Look(4, True, 1 / 8),
+    Look(12, True, 1 / 8),
+    Look(None, True, 1 / 2),
+)
 
 
 def judge_all(

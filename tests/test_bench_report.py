@@ -20,7 +20,7 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
-from meshmark.evidence import Evidence
+from meshmark.evidence import Evidence, Strand
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.verdict import decide
@@ -73,14 +73,14 @@ def document(tmp_path):
     def make(*cells: tuple[Cell, dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
         bench = Bench(Store(tmp_path / "cells"), benchmark_key(0), 0, {})
         outcome = Outcome(
-            Pairing(HORSE, Recipe()),
+            Pairing(HORSE, Recipe("tsai2014")),
             {"timings": {"embed_s": 9.0}},
             DISTORTION,
             tuple((marked, control) for _, marked, control in cells),
         )
         made = document_of(
             suite=Suite("tsai2014", tuple(cell for cell, _, _ in cells)),
-            recipes=[Recipe()],
+            recipes=[Recipe("tsai2014")],
             subjects=[(HORSE, (48, 24))],
             bench=bench,
             outcomes=[outcome],
@@ -216,9 +216,8 @@ def test_a_verdict_becomes_the_figures_of_a_row() -> None:
     # Frame 2: three bits of one part wrong, four of the other.
     value[2, 0, :3] *= -1
     value[2, 1, :4] *= -1
-    evidence = Evidence(
-        "/A", "tsai2014", 2, np.arange(4.0), value, np.ones(value.shape, dtype=bool), 0.05
-    )
+    strand = Strand.of(value[:, None] / 0.05, np.zeros(1))
+    evidence = Evidence("/A", "tsai2014", 2, np.arange(4.0), (strand,))
     row = describe(decide("a", [evidence], key))
     assert row["ber_avg"] == pytest.approx(3 / 16 / 4)
     assert row["ber_max"] == 3 / 16

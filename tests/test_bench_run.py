@@ -51,7 +51,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def document(source, folder) -> dict[str, Any]:
-    return run_benchmark([str(source)], SUITE, [Recipe()], folder)
+    return run_benchmark([str(source)], SUITE, [Recipe("tsai2014")], folder)
 
 
 def row_of(document: dict[str, Any], label: str) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def test_a_row_can_be_repeated_by_hand(document, folder, tmp_path, monkeypatch, 
     capsys.readouterr()
     run(
         monkeypatch, "verify", tmp_path / "leaked.usdc", "--key", key, "--scheme", "tsai2014",
-        "--json",
+        "--frames", ":", "--json",
     )  # fmt: skip
     [asset] = json.loads(capsys.readouterr().out)["assets"]
     assert asset["log10_p"] == row["log10_p"]
@@ -128,7 +128,7 @@ def test_a_row_can_be_repeated_by_hand(document, folder, tmp_path, monkeypatch, 
 
 def is_the_owners(path: Path, document: dict[str, Any]) -> bool:
     key = module.benchmark_key(0)
-    verdict = meshmark.verify(meshmark.read(path), key, recipes=[Recipe()])
+    verdict = meshmark.verify(meshmark.read(path), key, recipes=[Recipe("tsai2014")])
     return bool(verdict.log10_p == row_of(document, "no attack")["log10_p"])
 
 
@@ -161,7 +161,7 @@ def test_a_second_run_does_only_what_is_missing(document, source, folder, monkey
         if is_cell(json.loads(path.read_text())["identity"], "noise", "control")
     ]
     victim.unlink()
-    again = run_benchmark([str(source)], SUITE, [Recipe()], folder)
+    again = run_benchmark([str(source)], SUITE, [Recipe("tsai2014")], folder)
     failed = {row["label"] for row in document["rows"] if row["error"]}
     assert set(performed) == {"noise 0.05 %"} | failed
     assert performed.count("noise 0.05 %") == 1
@@ -173,7 +173,7 @@ def test_a_second_run_does_only_what_is_missing(document, source, folder, monkey
 def test_a_result_that_never_came_is_told(source, folder, document, monkeypatch) -> None:
     monkeypatch.setattr(module, "perform", lambda order: None)
     suite = Suite("tiny", (cell_from_text("float16"),))
-    [row] = run_benchmark([str(source)], suite, [Recipe()], folder)["rows"]
+    [row] = run_benchmark([str(source)], suite, [Recipe("tsai2014")], folder)["rows"]
     assert "gone" in row["error"]
 
 
@@ -187,11 +187,11 @@ def without_timings(document: dict[str, Any]) -> dict[str, Any]:
 
 def test_two_runs_are_the_same_and_another_seed_is_not(document, source, tmp_path) -> None:
     short = Suite("tiny", SUITE.cells[:2])
-    one = run_benchmark([str(source)], short, [Recipe()], tmp_path / "one")
+    one = run_benchmark([str(source)], short, [Recipe("tsai2014")], tmp_path / "one")
     assert one["rows"] == [
         row for row in document["rows"] if row["label"] in ("no attack", "noise 0.05 %")
     ]
-    two = run_benchmark([str(source)], short, [Recipe()], tmp_path / "two", seed=1)
+    two = run_benchmark([str(source)], short, [Recipe("tsai2014")], tmp_path / "two", seed=1)
     assert one["key_id"] != two["key_id"]
     assert one["rows"][1]["seed"] != two["rows"][1]["seed"]
     assert one["rows"][1]["log10_p"] != two["rows"][1]["log10_p"]
@@ -203,7 +203,7 @@ def test_an_asset_that_cannot_be_marked_is_told_in_its_rows(source, folder, tmp_
     asset = Asset("blob", (still,), "memory")
     write(asset, asset, tmp_path / "blob.usdc")
     suite = Suite("tiny", SUITE.cells[:1])
-    made = run_benchmark([str(tmp_path / "blob.usdc"), str(source)], suite, [Recipe()], folder)
+    made = run_benchmark([str(tmp_path / "blob.usdc"), str(source)], suite, [Recipe("tsai2014")], folder)
     blob, small = made["rows"]
     assert "can hold 16 bits" in blob["error"]
     assert small["error"] is None
@@ -212,9 +212,9 @@ def test_an_asset_that_cannot_be_marked_is_told_in_its_rows(source, folder, tmp_
 
 def test_bad_sources_and_ranges_are_refused_before_any_work(source, tmp_path) -> None:
     with pytest.raises(InputError):
-        run_benchmark([str(tmp_path / "no.usda")], SUITE, [Recipe()], tmp_path / "out")
+        run_benchmark([str(tmp_path / "no.usda")], SUITE, [Recipe("tsai2014")], tmp_path / "out")
     with pytest.raises(UsageError):
-        run_benchmark([str(source)], SUITE, [Recipe()], tmp_path / "out", frames="7:9")
+        run_benchmark([str(source)], SUITE, [Recipe("tsai2014")], tmp_path / "out", frames="7:9")
     assert not (tmp_path / "out").exists()
 
 
@@ -222,7 +222,7 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
     source, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:2]))
-    command = ["bench", source, "--suite", "tsai2014", "--frames", "1:1", "-o", tmp_path / "b"]
+    command = ["bench", source, "--suite", "tsai2014", "--scheme", "tsai2014", "--frames", "1:1", "-o", tmp_path / "b"]
     assert run(monkeypatch, *command) == 0
     report = json.loads((tmp_path / "b" / "report.json").read_text())
     assert "| no attack | animation |" in (tmp_path / "b" / "report.md").read_text()
@@ -240,7 +240,7 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
 def test_without_matplotlib_all_else_is_written(source, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("meshmark.benchmarking.plots.find_spec", lambda name: None)
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:1]))
-    command = ("bench", source, "--suite", "tsai2014", "--frames", "1:1", "-o", tmp_path)
+    command = ("bench", source, "--suite", "tsai2014", "--scheme", "tsai2014", "--frames", "1:1", "-o", tmp_path)
     assert run(monkeypatch, *command) == 0
     assert "meshmark[plots]" in capsys.readouterr().err
     assert (tmp_path / "report.md").exists()
@@ -251,7 +251,7 @@ def test_without_matplotlib_all_else_is_written(source, tmp_path, monkeypatch, c
 def test_the_suite_on_a_real_horse(data_folder, tmp_path) -> None:
     source = data_folder / "horse-gallop.usdc"
     made = run_benchmark(
-        [str(source)], SUITES["tsai2014"], [Recipe()], tmp_path, frames="1:17:8", jobs=2
+        [str(source)], SUITES["tsai2014"], [Recipe("tsai2014")], tmp_path, frames="1:17:8", jobs=2
     )
     assert all(row["error"] is None for row in made["rows"])
     assert not any(row["control"]["verified"] for row in made["rows"])

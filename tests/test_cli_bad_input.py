@@ -163,7 +163,7 @@ def test_outputs_that_cannot_be_written(run, tmp_path) -> None:
         (["--segmenter", "scissors"], "sdf"),
         (["--geodesic", "ruler"], "heat"),
         (["--set", "bits"], "NAME=VALUE"),
-        (["--set", "colour=red"], "bits"),
+        (["--set", "colour=red"], "bins"),
         (["--set", "sdf.rays=few"], "rays"),
         (["--strength", "7"], "strength"),
         (["--frames", "9"], "A:B"),
@@ -207,6 +207,6 @@ def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
     [prim] = json.loads(out)["prims"]
     assert code == 1
     assert not prim["can_hold"]
-    assert "no part can hold" in prim["reason"]
+    assert "nothing sticks out" in prim["reason"]
     assert_refused(run("embed", "ball.usdc", "-o", "o.usda", "--key", "k"), 3, "/Ball")
     assert not (tmp_path / "o.usda").exists()

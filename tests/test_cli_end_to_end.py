@@ -123,7 +123,8 @@ def test_the_manifest(run, studio) -> None:
 
 
 def test_verify(run) -> None:
-    code, out, err = run("verify", "marked.usda", "creature.usdc", "--key", "k", "--json")
+    asked = ("verify", "marked.usda", "creature.usdc", "--key", "k", "--frames", ":", "--json")
+    code, out, err = run(*asked)
     assert code == 1
     document = json.loads(out)
     validate(document, "verdict")

@@ -43,7 +43,7 @@ def test_an_empty_range_says_what_there_is() -> None:
 
 
 def test_settings_go_to_their_plugins_with_their_types() -> None:
-    recipe = recipe_from_text("tsai2014", settings=["bits=24", "sdf.rays=9"], strength=0.1)
+    recipe = recipe_from_text("tsai2014", settings=["bits=24", "sdf.rays=9"], own={"strength": 0.1})
     assert recipe.settings == {"tsai2014": {"bits": 24, "strength": 0.1}, "sdf": {"rays": 9}}
     scheme = recipe.build()
     assert (scheme.n_chips, scheme.strength) == (24, 0.1)
@@ -73,7 +73,7 @@ def test_bad_settings_say_what_would_be_good(settings, message) -> None:
 )
 def test_impossible_values_are_refused(name, value) -> None:
     with pytest.raises(UsageError, match=name):
-        Recipe(settings={"tsai2014": {name: value}}).build()
+        Recipe("tsai2014", settings={"tsai2014": {name: value}}).build()
 
 
 def test_unknown_names_list_the_known() -> None:
