@@ -140,8 +140,9 @@ def log10_p_words(
         return _markov(word_log_e_means(S, prior, words))
     if len(S) == 1:
         return _log10_p_shared(S[0].sum(axis=0), words[..., 0, :])
-    log_e = word_log_e(S.sum(axis=1)[:, None], words[..., None, :, :])[..., 0, 0]
-    return _markov(logsumexp(_log_mean(log_e, axis=-1) + prior, axis=-1))
+    # One word for all carriers: each reading's sum over them stands for a carrier.
+    log_e = word_log_e(S.sum(axis=1), words)[..., 0]
+    return _markov(logsumexp(_log_mean(log_e, axis=-2) + prior, axis=-1))
 
 
 def _log_mean(log_e: FloatArray, axis: int) -> FloatArray:

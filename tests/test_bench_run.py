@@ -203,7 +203,9 @@ def test_an_asset_that_cannot_be_marked_is_told_in_its_rows(source, folder, tmp_
     asset = Asset("blob", (still,), "memory")
     write(asset, asset, tmp_path / "blob.usdc")
     suite = Suite("tiny", SUITE.cells[:1])
-    made = run_benchmark([str(tmp_path / "blob.usdc"), str(source)], suite, [Recipe("tsai2014")], folder)
+    made = run_benchmark(
+        [str(tmp_path / "blob.usdc"), str(source)], suite, [Recipe("tsai2014")], folder
+    )
     blob, small = made["rows"]
     assert "can hold 16 bits" in blob["error"]
     assert small["error"] is None
@@ -222,7 +224,18 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
     source, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:2]))
-    command = ["bench", source, "--suite", "tsai2014", "--scheme", "tsai2014", "--frames", "1:1", "-o", tmp_path / "b"]
+    command = [
+        "bench",
+        source,
+        "--suite",
+        "tsai2014",
+        "--scheme",
+        "tsai2014",
+        "--frames",
+        "1:1",
+        "-o",
+        tmp_path / "b",
+    ]
     assert run(monkeypatch, *command) == 0
     report = json.loads((tmp_path / "b" / "report.json").read_text())
     assert "| no attack | animation |" in (tmp_path / "b" / "report.md").read_text()
@@ -240,7 +253,18 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
 def test_without_matplotlib_all_else_is_written(source, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("meshmark.benchmarking.plots.find_spec", lambda name: None)
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:1]))
-    command = ("bench", source, "--suite", "tsai2014", "--scheme", "tsai2014", "--frames", "1:1", "-o", tmp_path)
+    command = (
+        "bench",
+        source,
+        "--suite",
+        "tsai2014",
+        "--scheme",
+        "tsai2014",
+        "--frames",
+        "1:1",
+        "-o",
+        tmp_path,
+    )
     assert run(monkeypatch, *command) == 0
     assert "meshmark[plots]" in capsys.readouterr().err
     assert (tmp_path / "report.md").exists()

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.carrier import Carrier, measure
-from meshmark.detection import Sighting, aligned
-from meshmark.errors import CapacityError
-from meshmark.evidence import Evidence, bit_errors, judge
+from meshmark.carrier import Carrier, measure, sighting_of
+from meshmark.evidence import Evidence, Strand, bit_errors, judge
 from meshmark.keys import Key
 from meshmark.verdict import decide
 
@@ -21,15 +19,19 @@ def carrier(bins, place, n_bins=4) -> Carrier:
     return Carrier(np.arange(len(bins)), bins, np.array(place, dtype=float), n_bins, np.zeros(1))
 
 
-def evidence(words, *, frames=3, noise=0.0, n_words=None, erase=()) -> Evidence:
+def evidence(words, *, frames=3, noise=0.0, n_words=None, erase=(), tracked=True) -> Evidence:
     rng = np.random.default_rng(0)
-    value = 0.05 * words + noise * rng.normal(size=(frames, *words.shape))
-    held = np.ones(value.shape, dtype=bool)
+    value = words + noise * rng.normal(size=(frames, *words.shape))
     for chip in erase:
-        held[:, :, chip], value[:, :, chip] = False, 0.0
+        value[:, :, chip] = 0.0
     times = np.arange(1.0, frames + 1)
     n_words = len(words) if n_words is None else n_words
-    return Evidence("/A", "tsai2014", n_words, times, value, held, 0.05)
+    return of_values(value, n_words, times, tracked)
+
+
+def of_values(value, n_words, times, tracked=True) -> Evidence:
+    strand = Strand.of(np.clip(value, -1, 1)[:, None], np.zeros(1))
+    return Evidence("/A", "tsai2014", n_words, times, (strand,), tracked)
 
 
 def test_a_chip_is_the_mean_place_less_one_half() -> None:
@@ -51,10 +53,11 @@ def test_perfect_evidence_is_found_in_any_order_of_the_parts() -> None:
 
 def test_bit_errors_take_the_best_part_of_each_frame() -> None:
     words = KEY.words("tsai2014", 2, 16)
-    item = evidence(words, frames=2)
-    item.value[0, 0, :4] *= -1
-    item.value[0, 1, :2] *= -1
-    item.value[1, 1, :1] *= -1
+    value = np.tile(words.astype(float), (2, 1, 1))
+    value[0, 0, :4] *= -1
+    value[0, 1, :2] *= -1
+    value[1, 1, :1] *= -1
+    item = of_values(value, 2, np.array([1.0, 2.0]))
     errors = bit_errors(item, words)
     np.testing.assert_allclose(errors.per_frame, [2 / 16, 0.0])
     assert errors.average == pytest.approx(1 / 16)
@@ -63,10 +66,10 @@ def test_bit_errors_take_the_best_part_of_each_frame() -> None:
 
 def test_untracked_frames_are_taken_each_by_itself() -> None:
     words = KEY.words("tsai2014", 4, 16)
-    item = evidence(words[:2], frames=4, n_words=4)
+    value = np.tile(words[:2].astype(float), (4, 1, 1))
     # In the last frame, both carriers turn out to be other parts.
-    item.value[3, 0] = 0.05 * words[2]
-    item.value[3, 1] = 0.05 * words[3]
+    value[3] = words[2:4]
+    item = of_values(value, 4, np.arange(1.0, 5.0))
     tracked, untracked = bit_errors(item, words), bit_errors(replace(item, tracked=False), words)
     np.testing.assert_allclose(untracked.per_frame, 0.0)
     assert tracked.maximum > 0.2
@@ -74,8 +77,10 @@ def test_untracked_frames_are_taken_each_by_itself() -> None:
 
 def test_erasures_count_neither_way_and_mostly_erased_parts_not_at_all() -> None:
     words = KEY.words("tsai2014", 1, 16)
-    some = evidence(words, erase=(0, 1))
-    some.value[:, 0, 2] *= -1
+    value = np.tile(words.astype(float), (3, 1, 1))
+    value[:, :, :2] = 0.0
+    value[:, 0, 2] *= -1
+    some = of_values(value, 1, np.arange(3.0))
     np.testing.assert_allclose(bit_errors(some, words).per_frame, 1 / 14)
     most = evidence(words, erase=tuple(range(9)))
     assert np.isnan(bit_errors(most, words).per_frame).all()
@@ -94,14 +99,16 @@ def test_verdicts_follow_p_and_what_could_be_reached() -> None:
 
 
 def test_every_hypothesis_is_paid_for() -> None:
-    item = evidence(KEY.words("tsai2014", 8, 16), noise=0.05)
+    item = evidence(KEY.words("tsai2014", 8, 16), noise=1.0)
     alone = decide("f", [item], KEY).log10_p
     names = [f"recipient {i}" for i in range(99)]
     among_hundred = decide("f", [item], KEY, recipients=names)
     assert among_hundred.log10_p == pytest.approx(alone + 2)
     assert among_hundred.recipient is None
     assert decide("f", [item], KEY, n_schemes=10).log10_p == pytest.approx(alone + 1)
-    empty = Evidence("/B", "tsai2014", 8, item.times, 0 * item.value, item.held, 0.05)
+    assert decide("f", [item], KEY, share=0.1).log10_p == pytest.approx(alone + 1)
+    silent = Strand.of(np.zeros((3, 1, 8, 16)), np.zeros(1))
+    empty = Evidence("/B", "tsai2014", 8, item.times, (silent,))
     assert decide("f", [item, empty], KEY).log10_p == pytest.approx(alone + np.log10(2))
 
 
@@ -113,28 +120,33 @@ def test_the_recipient_whose_words_fit_is_named() -> None:
 
 
 def test_p_of_unmarked_evidence_is_honest_over_keys() -> None:
-    item = evidence(np.zeros((6, 16), dtype=int), noise=0.05, n_words=8)
+    item = evidence(np.zeros((6, 16), dtype=int), noise=1.0, n_words=8)
     keys = [Key(bytes([i]) * 32) for i in range(200)]
     p = np.array([judge(item, key).log10_p for key in keys])
     for alpha in (0.3, 0.1):
         assert np.mean(p <= np.log10(alpha)) <= alpha + 4 * np.sqrt(alpha * (1 - alpha) / len(p))
 
 
-def sighting(descriptors, values) -> Sighting:
-    chips = measure([carrier([0, 1, 2, 3], np.full(4, 0.5 + v)) for v in values])
-    return Sighting(chips, np.array(descriptors, dtype=float)[:, None])
+def test_evidence_is_kept_in_steps_and_erasures_stay_erasures() -> None:
+    soft = np.array([-1.0, -0.5, -1e-5, 0.0, 1e-5, 0.3, 1.0]).reshape(1, 1, 1, 7)
+    strand = Strand.of(soft, np.zeros(1))
+    np.testing.assert_allclose(strand.frame(0), soft[0], atol=1 / 127)
+    np.testing.assert_array_equal(np.sign(strand.steps), np.sign(soft))
 
 
-def test_carriers_are_matched_by_shape_when_vertices_are_not() -> None:
-    first = sighting([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
-    shuffled = sighting([3.02, 1.01, 2.03], [0.3, 0.1, 0.2])
-    fewer = sighting([2.9], [0.3])
-    chips = aligned([first, shuffled, None, fewer])
-    np.testing.assert_allclose(chips[1].value, first.chips.value)
-    assert not chips[2].held.any()
-    assert chips[3].held.all(axis=1).tolist() == [False, False, True]
+def test_frames_that_disagree_on_the_reading_speak_each_by_itself() -> None:
+    words = KEY.words("tsai2014", 4, 16)
+    # Every frame is right under a reading of its own, and noise under the others.
+    rng = np.random.default_rng(3)
+    soft = np.clip(rng.normal(size=(4, 4, 4, 16)), -1, 1)
+    soft[np.arange(4), np.arange(4)] = words
+    strand = Strand.of(soft, np.log(np.full(4, 0.25)))
+    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (strand,), tracked=False)
+    tracked = replace(item, tracked=True)
+    assert judge(item, KEY).log10_p < judge(tracked, KEY).log10_p - 3
+    assert judge(item, KEY).log10_p < -6 < -2 < judge(item, OTHER).log10_p
 
 
-def test_nothing_seen_at_all_is_no_evidence() -> None:
-    with pytest.raises(CapacityError, match="no carrier"):
-        aligned([None, None])
+def test_carriers_become_evidence_by_their_strength() -> None:
+    seen = sighting_of([carrier([0, 1, 2], [0.52, 0.4, 0.5])], 0.05)
+    np.testing.assert_allclose(seen.soft, [[[0.4, -1.0, 0.0, 0.0]]], atol=1e-12)

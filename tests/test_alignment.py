@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.alignment import aligned, by_looks, by_place, in_order
+from meshmark.carrier import Sighting
+from meshmark.errors import CapacityError
+
+RNG = np.random.default_rng(0)
+SOFT = RNG.uniform(-1, 1, size=(2, 3, 8))
+SHAPES = np.array([[0.02, 0.9], [0.02, 0.9], [0.1, 0.7]])
+
+
+def sighting(carriers, *, shapes=SHAPES, vertices=None) -> Sighting:
+    carriers = list(carriers)
+    placed = None if vertices is None else np.array(vertices)
+    return Sighting(SOFT[:, carriers], np.log([0.5, 0.5]), shapes[carriers], placed)
+
+
+def test_a_common_layout_keeps_the_order() -> None:
+    soft, prior = aligned([sighting([0, 1, 2]), sighting([0, 1, 2])], in_order)
+    np.testing.assert_allclose(soft, np.stack([SOFT, SOFT]), atol=1e-6)
+    np.testing.assert_allclose(np.exp(prior), [0.5, 0.5])
+
+
+def test_left_is_told_from_right_by_what_it_says() -> None:
+    soft, _ = aligned([sighting([0, 1, 2]), sighting([2, 1, 0])], by_looks)
+    np.testing.assert_allclose(soft[1], SOFT, atol=1e-6)
+
+
+def test_a_missing_carrier_is_an_erasure() -> None:
+    soft, _ = aligned([sighting([0, 1, 2]), None, sighting([2])], by_looks)
+    assert not soft[1].any()
+    assert soft[2].any(axis=(0, 2)).tolist() == [False, False, True]
+
+
+def test_places_match_near_vertices_and_no_others() -> None:
+    points = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0], [1.0, 1, 0], [0.5, 0.5, 0]])
+    match = by_place(points)
+    whole = sighting([0, 1, 2], vertices=[0, 2, 3])
+    moved = sighting([1, 0], vertices=[2, 1])
+    astray = sighting([1], vertices=[4])
+    soft, _ = aligned([whole, moved, astray], match)
+    np.testing.assert_allclose(soft[1][:, :2], SOFT[:, :2], atol=1e-6)
+    assert not soft[1][:, 2].any()
+    assert not soft[2].any()
+
+
+def test_nothing_seen_at_all_is_no_evidence() -> None:
+    with pytest.raises(CapacityError, match="no carrier"):
+        aligned([None, None], by_looks)
