@@ -1,0 +1,228 @@
+"""Chips: read from given profiles, made evidence of, and how they follow moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meshmark.geometry import unit, vertex_normals
+from meshmark.surface import ClosestPoints
+from meshmark.testing.meshes import bumpy_sphere, icosphere
+from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions
+from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.readings import (
+    GAIN,
+    HOST,
+    LEAST_COUNT,
+    OFFSETS,
+    SCALES,
+    STRAY,
+    cells_needed,
+    hypotheses,
+    measure,
+    phase,
+    soften,
+)
+from meshmark_plugins.schemes.apex.survey import measure_from
+
+K, WIDTH = 14, 0.045
+B = cells_needed(K)
+# Where the first bin begins: the width of one about the anchor stays unused.
+FIRST = CELLS
+
+
+def profile_at(cells, weight=1.0, square=1.0, area=0.0):
+    """One anchor's profile with vertices in some cells, over a surface of even area."""
+    w, q = np.zeros((2, 1, B))
+    w[0, cells], q[0, cells] = weight, square
+    return Profiles(w, q, np.full((1, B), area))
+
+
+def test_phase_vanishes_at_both_ends_and_has_no_mean():
+    np.testing.assert_allclose(
+        phase(np.array([0.0, 0.25, 0.5, 0.75, 1.0])), [0, -1, 0, 1, 0], atol=1e-15
+    )
+    assert phase((np.arange(CELLS) + 0.5) / CELLS).sum() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("k", [0, 5, K - 1])
+def test_vertices_at_one_place_of_a_bin_give_its_phase_there(k):
+    for cell in range(CELLS):
+        s, n = measure(profile_at(FIRST + k * CELLS + cell, weight=5.0, square=2.5), K, 1)
+        wanted = np.zeros(K)
+        wanted[k] = -np.sin(2.0 * np.pi * (cell + 0.5) / CELLS)
+        np.testing.assert_allclose(s[0, 0], wanted, atol=1e-12)
+        # By Kish: (sum w)^2 / sum w^2.
+        np.testing.assert_allclose(n[0, 0], np.where(wanted != 0.0, 10.0, 0.0))
+
+
+def test_the_phase_of_the_surface_is_taken_off():
+    profiles = profile_at(FIRST + 3 * CELLS + 7)
+    even = measure(Profiles(profiles.weight, profiles.square, np.ones((1, B))), K, 1)[0]
+    np.testing.assert_allclose(even, measure(profiles, K, 1)[0], atol=1e-12)
+    same = Profiles(profiles.weight, profiles.square, 4.0 * profiles.weight)
+    np.testing.assert_allclose(measure(same, K, 1)[0], 0.0, atol=1e-12)
+
+
+def test_the_anchor_s_own_bin_and_what_lies_beyond_the_last_count_for_nothing():
+    outside = np.concatenate([np.arange(FIRST), np.arange(FIRST + K * CELLS, B)])
+    s, n = measure(profile_at(outside), K, 1)
+    assert not s.any()
+    assert not n.any()
+
+
+def read(x, w):
+    """Chips of vertices of weights w at distances x, in bins."""
+    cells = (x * CELLS).astype(int)
+    weight, square = (np.bincount(cells, v, B)[None, :B] for v in (w, w**2))
+    return measure(Profiles(weight, square, np.zeros((1, B))), K)[0][:, 0]
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), r=st.integers(0, len(SCALES) * len(OFFSETS) - 1))
+def test_a_profile_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(seed, r):
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.5, K + 1.5, 20_000)
+    lean = rng.choice([-0.5, 0.5], K + 2)[x.astype(int)]
+    w = 1.0 - lean * np.sin(2.0 * np.pi * x)
+    grid = hypotheses()
+    true = read(x, w)[0]
+    np.testing.assert_allclose(np.abs(true), 0.25, atol=0.001)
+    stretched = read((x - grid.offset[r]) / grid.scale[r], w)
+    np.testing.assert_allclose(stretched[r], true, atol=0.01)
+    if grid.scale[r] < 0.95:
+        assert np.abs(stretched[0] - true).max() > 0.1
+
+
+def test_every_hypothesis_sees_every_bin_in_full():
+    grid = hypotheses()
+    _, n = measure(profile_at(np.arange(B)), K)
+    assert n.shape == (len(SCALES) * len(OFFSETS), 1, K)
+    # A bin of scale r is 1 / r bins long.
+    assert np.abs(n[:, 0] - (CELLS / grid.scale)[:, None]).max() <= 1.0
+
+
+def test_the_first_readings_are_the_first_of_all():
+    profiles = profile_at(np.arange(0, B, 3))
+    every, few = measure(profiles, K), measure(profiles, K, 4)
+    np.testing.assert_array_equal(few[0], every[0][:4])
+    np.testing.assert_array_equal(few[1], every[1][:4])
+
+
+def test_belief_is_shared_out_among_all_hypotheses_and_most_is_in_no_change():
+    grid = hypotheses()
+    assert (grid.scale[0], grid.offset[0]) == (1.0, 0.0)
+    assert np.exp(grid.log_prior).sum() == pytest.approx(1.0, abs=1e-12)
+    assert np.argmax(grid.log_prior) == 0
+    pairs = set(zip(grid.scale.tolist(), grid.offset.tolist(), strict=True))
+    assert pairs == {(a, b) for a in SCALES.tolist() for b in OFFSETS.tolist()}
+    # Cropping a third of a mesh away is not ruled out.
+    crop = np.argmin(np.abs(grid.scale - np.sqrt(2 / 3)) + np.abs(grid.offset))
+    assert grid.log_prior[crop] > np.log(1e-3)
+
+
+def test_evidence_by_hand():
+    n = np.array([100.0, LEAST_COUNT, np.nextafter(LEAST_COUNT, 0.0), 0.0])
+    evidence = soften(np.full(4, 0.2), n)
+    wanted = [np.tanh(GAIN * 0.2 / (STRAY**2 + HOST / m)) for m in n[:2]]
+    np.testing.assert_allclose(evidence, [*wanted, 0.0, 0.0])
+    assert evidence[0] == pytest.approx(0.9723, abs=1e-4)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 1e6))
+def test_evidence_is_odd_and_bounded_and_grows_with_the_chip_and_the_count(s, n):
+    evidence = soften(np.array([s, -s, 0.5 * s, s]), np.array([n, n, n, 2.0 * n]))
+    assert evidence[0] == -evidence[1]
+    assert abs(evidence[2]) <= abs(evidence[0]) <= abs(evidence[3]) <= 1.0
+
+
+# Gradients of chips.
+
+
+@pytest.fixture(scope="module")
+def horned():
+    V, F = bumpy_sphere(5, np.array([[1, 0.2, 0.1], [-0.3, 1, 0.2]]), height=0.4, width=0.5)
+    tips = [int(np.argmax(V @ axis)) for axis in ([1, 0.2, 0.1], [-0.3, 1, 0.2])]
+    (near,) = measure_from(V, F, np.array(tips))
+    weights = vertex_weights(near, WIDTH)
+    return V, F, near, weights, chip_gradients(near, weights, WIDTH, K, len(V))
+
+
+def chips(near, weights):
+    """Weighted mean phases, without the rounding to cells."""
+    x = near.H / WIDTH - 1.0
+    k = np.floor(x).astype(int)
+    value = np.zeros((len(x), K))
+    for row, bins, place in zip(value, k, x - k, strict=True):
+        inside = (bins >= 0) & (bins < K)
+        moment = np.bincount(bins[inside], (weights * phase(place))[inside], K)
+        row[:] = moment / np.bincount(bins[inside], weights[inside], K)
+    return value
+
+
+def test_distance_grows_along_meridians_of_a_sphere():
+    V, F = icosphere(4)
+    (near,) = measure_from(V, F, np.array([0]))
+    south = unit(V * V[:, [2]] - [0.0, 0.0, 1.0])
+    colatitude = np.arccos(np.clip(V[:, 2], -1.0, 1.0))
+    middle = (colatitude > 0.2) & (colatitude < np.pi - 0.2)
+    cosine = np.einsum("ij,ij->i", distance_directions(near)[0], south)
+    assert cosine[middle].min() > 0.98
+    assert np.linalg.norm(distance_directions(near)[0], axis=1).max() <= 1.0 + 1e-12
+    # At the anchor itself it grows all around: what is left is the mesh's own bend there.
+    assert np.linalg.norm(distance_directions(near)[0, 0]) < 0.05
+
+
+def rings(near, rng, longest):
+    """Slide the vertices of each bin up or down the distance from the first anchor, in bins."""
+    x = near.H[0] / WIDTH
+    push = rng.uniform(-1.0, 1.0, 1 + int(x.max()))[x.astype(int)] * np.sin(np.pi * x) ** 2
+    return longest * WIDTH * near.root_area * push[:, None] * distance_directions(near)[0]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_chips_follow_moves_as_their_gradients_foretell(horned, seed):
+    V, F, near, weights, J = horned
+    d = rings(near, np.random.default_rng(seed), longest=0.05)
+    after = ClosestPoints(V, F).points(V + d)
+    foretold = (J @ (after - V).ravel())[:K]
+    (moved,) = measure_from(after, F, near.anchors)
+    change = (chips(moved, weights) - chips(near, weights))[0]
+    assert np.abs(foretold).mean() > 0.02
+    np.testing.assert_allclose(change, foretold, atol=0.05 * np.abs(foretold).max())
+    # As detection measures them, whitened anew, they follow nearly as well, but less far.
+    before, now = (
+        measure(profiles_of(n, vertex_weights(n, WIDTH), WIDTH, cells_needed(K)), K, 1)[0][0, 0]
+        for n in (near, moved)
+    )
+    assert np.corrcoef(foretold, now - before)[0, 1] > 0.98
+    assert 0.75 < foretold @ (now - before) / (foretold @ foretold) < 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_chips_follow_random_waves_of_moves(horned, seed):
+    V, F, near, weights, J = horned
+    rng = np.random.default_rng(seed)
+    length = WIDTH * near.root_area
+    waves = 2.0 * np.pi / length * unit(rng.normal(size=(12, 3)))
+    d = np.cos(V @ waves.T + rng.uniform(0, 2 * np.pi, 12)) @ rng.normal(size=(12, 3))
+    n = vertex_normals(V, F)
+    d -= np.einsum("ij,ij->i", d, n)[:, None] * n
+    d *= 0.1 * length / np.linalg.norm(d, axis=1).max()
+    after = ClosestPoints(V, F).points(V + d)
+    (moved,) = measure_from(after, F, near.anchors)
+    change = chips(moved, weights) - chips(near, weights)
+    foretold = J @ (after - V).ravel()
+    assert np.corrcoef(foretold, change.ravel())[0, 1] > 0.93
+
+
+def test_moves_across_the_distance_or_far_away_change_no_chip(horned):
+    V, F, near, _, J = horned
+    d = np.cross(distance_directions(near)[0], vertex_normals(V, F))
+    along = J[:K] @ distance_directions(near)[0].ravel()
+    assert np.abs(J[:K] @ d.ravel()).max() < 1e-9 * np.abs(along).max()
+    beyond = near.H[0] > (K + 1) * WIDTH
+    assert beyond.any()
+    assert not np.any(J[:K] @ np.repeat(beyond, 3))
