@@ -1,0 +1,234 @@
+"""What moves cost, the displacement that weighs it up against chips, and the refit after it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import csr_matrix
+from scipy.spatial.transform import Rotation
+
+from meshmark.geometry import unit
+from meshmark.surface import ClosestPoints
+from meshmark.surface_distance import mrms
+from meshmark.testing.meshes import bumpy_sphere, icosphere, plane, torus
+from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.displacement import Demand, displacement
+from meshmark_plugins.schemes.apex.energy import (
+    FLATNESS,
+    GUARD,
+    LEAST_MOBILITY,
+    STIFFNESS,
+    energy_over_poses,
+    guarded,
+    sliding_cost,
+    stretching_cost,
+)
+from meshmark_plugins.schemes.apex.poses import Cover
+from meshmark_plugins.schemes.apex.refit import refit
+
+WIDTH = 0.045
+FAR = np.inf
+ROTATION = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()
+
+
+# Conjugate gradients.
+
+
+def definite(rng, n):
+    A = rng.normal(size=(n, n))
+    return A @ A.T + np.diag(rng.uniform(0.5, 50.0, n))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 30))
+def test_conjugate_gradients_agree_with_elimination(seed, n):
+    rng = np.random.default_rng(seed)
+    A, b, x = definite(rng, n), rng.normal(size=n), rng.normal(size=n)
+    wanted = np.linalg.solve(A, b)
+    by_diagonal = solve(A, b, x, 1.0 / np.diag(A), 10 * n, 1e-12)
+    np.testing.assert_allclose(by_diagonal, wanted, rtol=1e-6, atol=1e-8)
+    # With the inverse for a preconditioner one step is all it takes.
+    inverse = np.linalg.inv(A)
+    np.testing.assert_allclose(
+        solve(A, b, x, lambda r: inverse @ r, 1, 0.0), wanted, rtol=1e-6, atol=1e-8
+    )
+
+
+def test_conjugate_gradients_stop_where_they_are_told_to():
+    rng = np.random.default_rng(0)
+    A, b, x = definite(rng, 20), rng.normal(size=20), rng.normal(size=20)
+    np.testing.assert_array_equal(solve(A, b, x, np.ones(20), 0, 0.0), x)
+    exact = np.linalg.solve(A, b)
+    np.testing.assert_array_equal(solve(A, A @ exact, exact, np.ones(20), 9, 1e-3), exact)
+    np.testing.assert_array_equal(solve(A, 0 * b, 0 * x, np.ones(20), 9, 1e-3), 0.0)
+    # A loose tolerance is met after few steps, and not exceeded by many digits.
+    errors = [np.linalg.norm(solve(A, b, x, 1 / np.diag(A), 99, t) - exact) for t in (0.1, 1e-4)]
+    assert 1e-8 < errors[1] < 0.01 * errors[0]
+
+
+# The cost of moves.
+
+
+def test_sliding_along_a_plane_costs_one_and_leaving_it_much_more():
+    V, F = plane(5)
+    cost = sliding_cost(V, F)
+    np.testing.assert_allclose(cost, np.broadcast_to(np.diag([1, 1, 1 + 1 / FLATNESS]), cost.shape))
+
+
+def test_sliding_over_a_bend_costs_more():
+    V, F = torus(60, 30)
+    cost = sliding_cost(V, F)
+    assert np.linalg.eigvalsh(cost)[:, 0].min() >= 1.0
+    # Along the outer rim the way around the tube bends more than the one around the axis.
+    rim = np.argmax(V[:, 0])
+    assert cost[rim, 1, 1] < cost[rim, 2, 2] < 0.1 * cost[rim, 0, 0]
+
+
+def test_stretching_costs_the_square_of_the_slope_and_shifting_nothing():
+    V, F = plane(9, side=3.0)
+    S = stretching_cost(V, F, WIDTH)
+    d = 2.0 * V[:, 0] - V[:, 1]
+    assert d @ S @ d == pytest.approx(STIFFNESS * (WIDTH / (2 * np.pi)) ** 2 * 5.0 * 9.0)
+    np.testing.assert_allclose(S @ np.ones(len(V)), 0.0, atol=1e-15)
+    np.testing.assert_allclose(stretching_cost(100.0 * V, F, WIDTH).toarray(), S.toarray())
+
+
+def test_anchors_are_guarded_and_what_is_far_from_them_is_free():
+    H = np.array([[0.0, GUARD, 10 * GUARD, 10 * GUARD], [10 * GUARD, 10 * GUARD, 0.0, 10 * GUARD]])
+    wanted = [LEAST_MOBILITY**-2, (1 - np.exp(-1)) ** -2, LEAST_MOBILITY**-2, 1.0]
+    np.testing.assert_allclose(guarded(H), wanted)
+
+
+def unmoved(V):
+    """Gradients of a pose that is the reference itself."""
+    return V, np.broadcast_to(np.eye(3), (len(V), 3, 3))
+
+
+def test_a_pose_that_is_only_turned_costs_the_same():
+    V, F = bumpy_sphere(2, np.array([[1.0, 2, 0], [0, -1, 3]]))
+    turned = V @ ROTATION.T, np.broadcast_to(ROTATION, (len(V), 3, 3))
+    one, two = (
+        energy_over_poses(poses, V, F, WIDTH) for poses in ([unmoved(V)], [unmoved(V), turned])
+    )
+    np.testing.assert_allclose(two.blocks, one.blocks, atol=1e-12)
+
+
+def test_a_shift_of_all_along_a_plane_costs_one():
+    V, F = plane(5)
+    shift = np.tile([1.0, 0.0, 0.0], len(V))
+    cost = energy_over_poses([unmoved(V)], V, F, WIDTH).weighted(np.ones(len(V)))
+    assert shift @ (cost @ shift) == pytest.approx(1.0)
+
+
+# The displacement.
+
+
+def demand(rng, n, k=4, change=1.0):
+    J = csr_matrix(rng.normal(size=(k, 3 * n)) * (rng.random((k, 3 * n)) < 0.5))
+    return Demand(J, np.full(k, change), rng.uniform(0.5, 2.0, k))
+
+
+def coarse():
+    V, F = icosphere(1)
+    return energy_over_poses([unmoved(V)], V, F, WIDTH), len(V)
+
+
+def dense(energy, n):
+    blocks = np.zeros((3 * n, 3 * n))
+    for i, block in enumerate(energy.blocks):
+        blocks[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    return blocks + np.kron(energy.stretch.toarray(), np.eye(3))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), poses=st.integers(1, 3))
+def test_what_cannot_be_met_is_solved_by_the_normal_equations(seed, poses):
+    rng = np.random.default_rng(seed)
+    energy, n = coarse()
+    # Dear moves: every chip stays short of its target.
+    energy = type(energy)(1e4 * energy.blocks, energy.stretch)
+    demands = [demand(rng, n) for _ in range(poses)]
+    A, b = dense(energy, n), np.zeros(3 * n)
+    for asked in demands:
+        J, price = asked.J.toarray(), asked.weight / poses
+        A = A + J.T @ (price[:, None] * J)
+        b = b + J.T @ (price * asked.change)
+    d = displacement(demands, energy, FAR, np.zeros(3 * n))
+    assert all(np.all(asked.J @ d < asked.change) for asked in demands)
+    wanted = np.linalg.solve(A, b)
+    np.testing.assert_allclose(d, wanted, atol=1e-6 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_some_are_met_by_what_the_others_ask_the_rest_is_in_balance(seed):
+    rng = np.random.default_rng(seed)
+    energy, n = coarse()
+    asked = demand(rng, n, 6)
+    asked = Demand(asked.J, rng.normal(size=6), asked.weight)
+    d = displacement([asked], energy, FAR, np.zeros(3 * n))
+    short = np.maximum(asked.change - asked.J @ d, 0.0)
+    assert np.any(short == 0.0)
+    pull = asked.J.T @ (asked.weight * short)
+    np.testing.assert_allclose(dense(energy, n) @ d, pull, atol=1e-8 * np.abs(pull).max())
+
+
+def test_chips_beyond_their_targets_and_erasures_ask_for_nothing():
+    rng = np.random.default_rng(1)
+    energy, n = coarse()
+    start = 0.01 * rng.normal(size=3 * n)
+    pleased = demand(rng, n, change=-100.0)
+    np.testing.assert_allclose(displacement([pleased], energy, FAR, start), 0.0, atol=1e-8)
+    erased = Demand(pleased.J, np.ones(4), np.zeros(4))
+    np.testing.assert_allclose(displacement([erased], energy, FAR, start), 0.0, atol=1e-8)
+
+
+def test_moves_beyond_their_reach_are_held_back():
+    rng = np.random.default_rng(4)
+    energy, n = coarse()
+    asked, start = demand(rng, n), np.zeros(3 * n)
+    longest = [
+        np.linalg.norm(displacement([asked], energy, reach, start).reshape(-1, 3), axis=1).max()
+        for reach in (FAR, 0.3, 0.2, 0.15, 0.1)
+    ]
+    assert np.all(np.diff(longest) < 0.0)
+    assert longest[-1] < 0.8 * longest[0]
+
+
+# The displacement on the surface, and the refit.
+
+
+def test_a_displacement_is_laid_on_the_surface_and_turns_with_it():
+    V, F = torus(60, 30)
+    cover = Cover(V, F)
+    d = 0.005 * np.random.default_rng(1).normal(size=V.size)
+    X, share = cover.laid(V, d, ClosestPoints(V, F))
+    # Where a face would have turned over, moves were shortened, across the bend.
+    assert share.min() >= 0.0
+    assert np.mean(share == 1.0) > 0.9
+    assert ClosestPoints(V, F).distances(X[share == 1.0]).max() < 1e-12
+    turned, _ = cover.laid(V @ ROTATION.T, d, ClosestPoints(V @ ROTATION.T, F))
+    np.testing.assert_allclose(turned, X @ ROTATION.T, atol=1e-4)
+    still, _ = cover.laid(V, 0.0 * d, ClosestPoints(V, F))
+    np.testing.assert_allclose(still, V, atol=1e-12)
+
+
+def test_vertices_that_left_a_plane_return_along_its_normal():
+    V, F = plane(21)
+    bumps = 0.005 * np.random.default_rng(5).normal(size=len(V))
+    off = V + bumps[:, None] * [0.0, 0.0, 1.0]
+    back = refit(off, F, ClosestPoints(V, F))
+    assert np.abs(back[:, 2]).max() < 0.01 * np.abs(bumps).max()
+    np.testing.assert_array_equal(refit(V, F, ClosestPoints(V, F)), V)
+
+
+@pytest.mark.parametrize("level", [2, 3])
+def test_a_refitted_polyhedron_is_nearer_to_its_sphere_than_an_inscribed_one(level):
+    ball, (V, F) = icosphere(5), icosphere(level)
+    fitted = refit(V, F, ClosestPoints(*ball))
+    assert mrms(*ball, fitted, F) < 0.3 * mrms(*ball, V, F)
+    # Vertices go outwards only, and not beyond the deepest triangle's sag.
+    height = np.linalg.norm(fitted, axis=1) - 1.0
+    assert height.min() > 0.0
+    assert height.max() < 1.0 - np.linalg.norm(V[F].mean(axis=1), axis=1).min()
+    np.testing.assert_allclose(unit(fitted), V, atol=0.01)
