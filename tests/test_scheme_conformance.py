@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from meshmark.carrier import Sighting
+from meshmark.interfaces import JointScheme
 from meshmark.plugins import catalogue
 from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe, SolverFactory
-from meshmark.testing import SchemeSuite
-from meshmark.testing.schemes import swaying
+from meshmark.testing import JointSchemeSuite, SchemeSuite
+from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
+from meshmark.testing.schemes import NAME, OTHER, swaying
 
 
-class BuiltInSuite(SchemeSuite):
+class BuiltIn:
     """A scheme by its name, with the default segmenter and solver."""
 
     name: str
@@ -29,16 +35,24 @@ class BuiltInSuite(SchemeSuite):
         return {"segmenter": segmenter, "solver": SolverFactory(DEFAULT_GEODESIC, {})}
 
 
-class TestTsai2014(BuiltInSuite):
+class TestTsai2014(BuiltIn, SchemeSuite):
     name = "tsai2014"
 
 
-class TestCho2007(BuiltInSuite):
+class TestCho2007(BuiltIn, SchemeSuite):
     name = "cho2007"
 
     @pytest.fixture
     def animation(self, creature):
         return creature.select([0, 8, 16])
+
+
+class TestApex(BuiltIn, JointSchemeSuite):
+    name = "apex"
+
+    @pytest.fixture
+    def tolerance(self):
+        return 1e-9
 
 
 def backwards(scheme):
@@ -62,3 +76,68 @@ def test_the_suite_sees_a_mark_that_cannot_be_found() -> None:
         SchemeSuite().test_a_mark_is_found_blindly_by_its_key_alone(
             backwards(Recipe("cho2007").build()), swaying(2), -3.0
         )
+
+
+def seeing(look) -> JointScheme:
+    """Return apex with its sightings of a frame changed."""
+    scheme = Recipe("apex").build()
+    sight = scheme.sight
+    scheme.sight = lambda frame: look(sight(frame), frame)
+    return scheme
+
+
+def overconfident(sighting, frame) -> Sighting:
+    return replace(sighting, log_prior=sighting.log_prior + 0.01)
+
+
+def listening_to_order(sighting, frame) -> Sighting:
+    return replace(sighting, soft=sighting.soft * np.cos(frame.faces[0, 0]))
+
+
+def listening_to_place(sighting, frame) -> Sighting:
+    return replace(sighting, soft=sighting.soft * np.cos(frame.points[0, 0]))
+
+
+def test_the_joint_suite_sees_evidence_that_is_not_of_the_shape_alone() -> None:
+    suite, frame = JointSchemeSuite(), analysed(galloping())[0]
+    with pytest.raises(AssertionError, match="Not equal to tolerance"):
+        suite.test_order_changes_nothing(seeing(listening_to_order), frame, 1e-6)
+    with pytest.raises(AssertionError, match="Not equal to tolerance"):
+        suite.test_similarity_changes_nothing(seeing(listening_to_place), frame, 1e-6, 1e3)
+
+
+def test_the_joint_suite_sees_more_belief_than_there_is() -> None:
+    with pytest.raises(AssertionError):
+        JointSchemeSuite().test_sightings_are_sound(seeing(overconfident), galloping())
+
+
+def test_the_joint_suite_sees_a_mark_that_cannot_be_found() -> None:
+    suite, one = JointSchemeSuite(), galloping().select([0])
+    scheme = Recipe("apex").build()
+    suite.test_a_mark_is_found_blindly_by_its_key_alone(scheme, one, -6.0)
+    plan, words = scheme.plan, OTHER.words(NAME, scheme.n_words, scheme.n_chips)
+    scheme.plan = lambda animation, _, *, jobs: plan(animation, words, jobs=jobs)
+    with pytest.raises(AssertionError):
+        suite.test_a_mark_is_found_blindly_by_its_key_alone(scheme, one, -6.0)
+
+
+def test_carriers_may_stand_in_another_order_but_not_elsewhere() -> None:
+    rng = np.random.default_rng(0)
+    soft, order = rng.uniform(-1, 1, size=(2, 4, 5)), np.array([2, 0, 3, 1])
+    one = Sighting(soft, np.log([0.6, 0.4]), rng.normal(size=(4, 2)), np.array([7, 3, 0, 5]))
+    two = replace(
+        one,
+        soft=soft[:, order],
+        descriptors=one.descriptors[order],
+        vertices=one.vertices[order] + 10,
+    )
+    vertex = np.arange(20) - 10
+    assert_alike(one, two, vertex, 1e-12)
+    assert_alike(one, replace(two, vertices=None), vertex, 1e-12)
+    with pytest.raises(AssertionError, match="other vertices"):
+        assert_alike(one, replace(two, vertices=two.vertices + 1), vertex, 1e-12)
+    changed = soft[:, order].copy()
+    changed[1, 2, 3] += 1e-3
+    for vertices in (two.vertices, None):
+        with pytest.raises(AssertionError, match="Not equal to tolerance"):
+            assert_alike(one, replace(two, soft=changed, vertices=vertices), vertex, 1e-4)

@@ -1,7 +1,7 @@
 """Conformance suites a plugin author subclasses, and meshes to test on.
 
-`AttackSuite`, `GeodesicSolverSuite`, `ReaderSuite`, `SchemeSuite` and `SegmenterSuite` need
-pytest, which is imported only when one of them is asked for.
+`AttackSuite`, `GeodesicSolverSuite`, `JointSchemeSuite`, `ReaderSuite`, `SchemeSuite` and
+`SegmenterSuite` need pytest, which is imported only when one of them is asked for.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from meshmark.testing.attacks import AttackSuite
     from meshmark.testing.geodesics import GeodesicSolverSuite
+    from meshmark.testing.joint_schemes import JointSchemeSuite
     from meshmark.testing.readers import ReaderSuite
     from meshmark.testing.schemes import SchemeSuite
     from meshmark.testing.segmenters import SegmenterSuite
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AttackSuite",
     "GeodesicSolverSuite",
+    "JointSchemeSuite",
     "ReaderSuite",
     "SchemeSuite",
     "SegmenterSuite",
@@ -27,6 +29,7 @@ __all__ = [
 _HOMES = {
     "AttackSuite": "attacks",
     "GeodesicSolverSuite": "geodesics",
+    "JointSchemeSuite": "joint_schemes",
     "ReaderSuite": "readers",
     "SchemeSuite": "schemes",
     "SegmenterSuite": "segmenters",

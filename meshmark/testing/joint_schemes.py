@@ -1,0 +1,302 @@
+"""What every joint scheme must do; subclass `JointSchemeSuite` in your own tests to check yours.
+
+class TestMyJointScheme(JointSchemeSuite):
+    @pytest.fixture
+    def scheme(self):
+        return MyJointScheme(...)
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.special import logsumexp
+
+from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.carrier import Sighting
+from meshmark.detection import extract
+from meshmark.embedding import embed_animation, plan_jointly
+from meshmark.errors import CapacityError
+from meshmark.evidence import judge
+from meshmark.hookspecs import SchemeRecord
+from meshmark.interfaces import JointScheme
+from meshmark.metrics.faces import flipped_faces
+from meshmark.testing.invariance import moved, reordered
+from meshmark.testing.meshes import Mesh, plane
+from meshmark.testing.schemes import KEY, NAME, OTHER, rounded
+from meshmark.welding import Welding
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Beliefs may exceed 1 in sum by what rounding adds.
+SLACK = 1e-9
+# Log10 p that a key which marked nothing stays above: the suite's keys are always the same.
+CHANCE = -3.0
+
+
+@lru_cache(maxsize=1)
+def galloping() -> MeshAnimation:
+    """Animate a small creature, whose tips stick out: a stride in four frames."""
+    from meshmark.demo import creature
+
+    return creature(points=3000, frames=4)
+
+
+def tetrahedron() -> Mesh:
+    """Build a mesh without room for any mark."""
+    V = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.2]])
+    return V, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+
+
+def needle() -> Mesh:
+    """Build two triangles without area: their corners stand in one line."""
+    return np.outer([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+class JointSchemeSuite:
+    """Checks the contract of one joint scheme; override `scheme`, and what else differs."""
+
+    @pytest.fixture
+    def scheme(self) -> JointScheme:
+        """Offer the scheme under test."""
+        raise NotImplementedError("override the fixture `scheme`")
+
+    @pytest.fixture
+    def record(self) -> SchemeRecord | None:
+        """Offer the record of the scheme; None leaves out the tests of it."""
+        return None
+
+    @pytest.fixture
+    def parts(self) -> dict[str, Any]:
+        """Offer the `segmenter` and the `solver` the record's factory is called with."""
+        return {"segmenter": None, "solver": None}
+
+    @pytest.fixture
+    def animation(self) -> MeshAnimation:
+        """Offer an animation that can be marked, of four frames or more."""
+        return galloping()
+
+    @pytest.fixture
+    def tolerance(self) -> float:
+        """Difference allowed to evidence and descriptors where only rounding differs."""
+        return 1e-6
+
+    @pytest.fixture
+    def highest_log10_p(self) -> float:
+        """Log10 p that the key's own mark must come below."""
+        return -6.0
+
+    @pytest.fixture
+    def frame(self, animation: MeshAnimation) -> Frame:
+        """Offer the first frame, as analysis sees it."""
+        return analysed(animation)[0]
+
+    def test_has_the_interface(self, scheme: JointScheme) -> None:
+        """Its attributes tell what the core needs to know."""
+        assert isinstance(scheme, JointScheme)
+        assert scheme.n_chips >= 2
+        assert scheme.n_words >= 1
+        assert isinstance(scheme.restorations, tuple)
+        assert scheme.restorations[0] == 0
+        assert list(scheme.restorations) == sorted(set(scheme.restorations))
+
+    def test_record_is_complete(self, record: SchemeRecord | None) -> None:
+        """A record names its scheme, says in one line what it does, and has a version."""
+        if record is None:
+            pytest.skip("no record is offered")
+        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", record.name)
+        assert record.summary.strip()
+        assert "\n" not in record.summary
+        assert record.version
+
+    def test_recorded_parameters_are_the_defaults(
+        self, record: SchemeRecord | None, parts: dict[str, Any], frame: Frame
+    ) -> None:
+        """Giving the recorded defaults changes nothing."""
+        if record is None:
+            pytest.skip("no record is offered")
+        bare = record.factory(**parts)
+        given = record.factory(**parts, **record.parameters)
+        for name in ("n_chips", "n_words", "restorations"):
+            assert getattr(given, name) == getattr(bare, name)
+        np.testing.assert_array_equal(given.sight(frame).soft, bare.sight(frame).soft)
+
+    def test_sightings_are_sound(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+        """Evidence and beliefs in range; readings are the same ones in every frame."""
+        sightings = [scheme.sight(frame) for frame in analysed(animation)]
+        for sighting, frame in zip(sightings, analysed(animation), strict=True):
+            assert_sound(sighting, frame, scheme.n_chips)
+            assert np.any(sighting.soft)
+            np.testing.assert_array_equal(sighting.log_prior, sightings[0].log_prior)
+            assert sighting.descriptors.shape[1] == sightings[0].descriptors.shape[1]
+            assert (sighting.vertices is None) == (sightings[0].vertices is None)
+
+    def test_same_frame_same_sighting(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+        """Nothing is drawn by chance, and nothing is kept from one frame to the next."""
+        whole = analysed(animation)
+        first, last = whole[0], whole[len(whole) - 1]
+        before = [scheme.sight(frame) for frame in (first, last)]
+        after = [scheme.sight(frame) for frame in (last, first)]
+        for one, two in zip(before, after[::-1], strict=True):
+            assert_equal(one, two)
+
+    def test_a_worker_sees_the_same(self, scheme: JointScheme, frame: Frame) -> None:
+        """The scheme pickles, and looks alike wherever it is unpickled."""
+        assert_equal(pickle.loads(pickle.dumps(scheme)).sight(frame), scheme.sight(frame))
+
+    @pytest.mark.parametrize("scale", [1e-3, 1e3])
+    def test_similarity_changes_nothing(
+        self, scheme: JointScheme, frame: Frame, tolerance: float, scale: float
+    ) -> None:
+        """Turning, scaling and shifting leave all evidence as it was."""
+        other = frame.moved(moved(frame.points, scale, np.random.default_rng(2)))
+        same = np.arange(len(frame.points))
+        assert_alike(scheme.sight(frame), scheme.sight(other), same, tolerance)
+
+    def test_order_changes_nothing(
+        self, scheme: JointScheme, frame: Frame, tolerance: float
+    ) -> None:
+        """Vertices and faces may stand in any order."""
+        mixed = reordered(frame.points, frame.faces, np.random.default_rng(3))
+        other = Frame(frame.time, mixed.V, Topology.from_triangles(mixed.F, len(mixed.V)))
+        assert_alike(scheme.sight(frame), scheme.sight(other), mixed.vertex, tolerance)
+
+    def test_a_mark_is_found_blindly_by_its_key_alone(
+        self, scheme: JointScheme, animation: MeshAnimation, highest_log10_p: float
+    ) -> None:
+        """Through float32, without the original: the key fits, no other does, nor the original."""
+        embedded = embed_animation(animation, scheme, NAME, KEY)
+        assert 1 <= embedded.carriers <= scheme.n_words
+        leaked = embedded.animation.map(rounded)
+        for before, after in zip(animation, leaked, strict=True):
+            assert after.topology.same_as(before.topology)
+            assert np.all(np.isfinite(after.points))
+            assert np.any(after.points != before.points.astype(np.float32))
+        evidence = extract(leaked, scheme, NAME)
+        assert judge(evidence, KEY).log10_p < highest_log10_p
+        assert judge(evidence, OTHER).log10_p > CHANCE
+        assert judge(evidence, KEY, "somebody else").log10_p > CHANCE
+        unmarked = extract(animation, scheme, NAME)
+        assert judge(unmarked, KEY).log10_p > CHANCE
+
+    def test_a_plan_is_all_a_worker_needs(
+        self, scheme: JointScheme, animation: MeshAnimation
+    ) -> None:
+        """It pickles, marks frames in any order, turns no face over, and writes into no frame."""
+        pair = animation.select([0, len(animation) - 1])
+        before = [frame.points.copy() for frame in pair]
+        plan = plan_jointly(pair, scheme, KEY.words(NAME, scheme.n_words, scheme.n_chips), 1)
+        there = pickle.loads(pickle.dumps(plan))
+        moves = [plan(t) for t in (1, 0)][::-1]
+        for t, frame in enumerate(pair):
+            np.testing.assert_array_equal(there(t), moves[t])
+            np.testing.assert_array_equal(frame.points, before[t])
+            marked = rounded(frame.moved(frame.points + moves[t]))
+            assert flipped_faces(frame.points, marked.points, frame.faces) == 0
+
+    def test_another_key_another_mark(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+        """Marks tell their keys, and the copies of different recipients, apart."""
+        single = animation.select([0])
+        one, two, three = (
+            embed_animation(single, scheme, NAME, key, recipient=recipient).animation[0].points
+            for key, recipient in ((KEY, None), (OTHER, None), (KEY, "somebody else"))
+        )
+        assert np.any(one != two)
+        assert np.any(one != three)
+
+    def test_equal_keys_give_equal_marks_by_any_number_of_workers(
+        self, scheme: JointScheme, animation: MeshAnimation
+    ) -> None:
+        """Nothing but the key and the animation decides, to the last bit."""
+        one, two = (
+            embed_animation(animation, scheme, NAME, KEY, jobs=jobs).animation for jobs in (1, 2)
+        )
+        for alone, shared in zip(one, two, strict=True):
+            np.testing.assert_array_equal(alone.points, shared.points)
+
+    def test_what_can_be_marked_is_not_refused(
+        self, scheme: JointScheme, animation: MeshAnimation
+    ) -> None:
+        """`require_capacity` passes what `plan` would mark."""
+        scheme.require_capacity(analysed(animation), jobs=1)
+
+    def test_what_is_too_small_is_refused(self, scheme: JointScheme) -> None:
+        """A tetrahedron has no room for a mark, and both who could say so do."""
+        V, F = tetrahedron()
+        small = MeshAnimation.from_arrays(V[None], F)
+        words = KEY.words(NAME, scheme.n_words, scheme.n_chips)
+        with pytest.raises(CapacityError):
+            scheme.require_capacity(small, jobs=1)
+        with pytest.raises(CapacityError):
+            scheme.plan(small, words, jobs=1)
+
+    @pytest.mark.parametrize("mesh", [tetrahedron(), plane(2), plane(12), needle()])
+    def test_sees_something_sound_or_refuses(self, scheme: JointScheme, mesh: Mesh) -> None:
+        """Leaked copies come in every state; what holds no carrier is a `CapacityError`."""
+        V, F = mesh
+        frame = Frame(1.0, V, Topology.from_triangles(F, len(V)))
+        with suppress(CapacityError):
+            assert_sound(scheme.sight(frame), frame, scheme.n_chips)
+
+
+def analysed(animation: MeshAnimation) -> MeshAnimation:
+    """Return an animation of one topology as analysis sees it."""
+    return animation.map(Welding.of(animation[0]).frame)
+
+
+def assert_sound(sighting: Sighting, frame: Frame, n_chips: int) -> None:
+    """Fail unless a sighting's arrays are consistent and in range."""
+    R, C, K = sighting.soft.shape
+    assert min(R, C) >= 1
+    assert n_chips == K
+    assert np.all(np.isfinite(sighting.soft))
+    assert np.abs(sighting.soft).max() <= 1.0
+    assert sighting.log_prior.shape == (R,)
+    assert float(logsumexp(sighting.log_prior)) <= SLACK
+    assert sighting.descriptors.ndim == 2
+    assert len(sighting.descriptors) == C
+    assert np.all(np.isfinite(sighting.descriptors))
+    if sighting.vertices is not None:
+        assert sighting.vertices.shape == (C,)
+        assert sighting.vertices.dtype.kind in "iu"
+        assert len(np.unique(sighting.vertices)) == C
+        assert sighting.vertices.min() >= 0
+        assert sighting.vertices.max() < len(frame.points)
+
+
+def assert_equal(one: Sighting, two: Sighting) -> None:
+    """Fail unless two sightings are the same to the last bit."""
+    np.testing.assert_array_equal(one.soft, two.soft)
+    np.testing.assert_array_equal(one.log_prior, two.log_prior)
+    np.testing.assert_array_equal(one.descriptors, two.descriptors)
+    np.testing.assert_array_equal(one.vertices, two.vertices)
+
+
+def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: float) -> None:
+    """Fail unless two sightings of one shape agree, in whatever order their carriers stand.
+
+    Parameters
+    ----------
+    vertex : (N,) int
+        For each vertex of the second frame, the same vertex of the first.
+    """
+    assert one.soft.shape == two.soft.shape
+    np.testing.assert_array_equal(one.log_prior, two.log_prior)
+    gap = np.abs(two.soft[:, None] - one.soft[:, :, None]).max(axis=(0, 3))
+    if one.vertices is not None and two.vertices is not None:
+        gap = (one.vertices[:, None] != vertex[two.vertices]).astype(np.float64)
+        assert np.all(gap.min(axis=0) == 0.0), "carriers stand at other vertices"
+    _, order = linear_sum_assignment(gap)
+    np.testing.assert_allclose(two.soft[:, order], one.soft, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(
+        two.descriptors[order], one.descriptors, rtol=tolerance, atol=tolerance
+    )
