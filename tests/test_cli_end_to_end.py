@@ -248,3 +248,72 @@ def test_the_demo_tells_its_story(monkeypatch, capsys, tmp_path) -> None:
     assert rows["the marked copy"][0] == "marked"
     assert rows["the marked copy, a wrong key"][:2] == ["not", "marked"]
     assert sum(label.startswith("a leaked copy: ") for label in rows) == 2
+
+
+def test_evidence_is_measured_once_and_tried_again(run, studio) -> None:
+    asked = ("verify", "marked.usda", "--key", "k", "--scheme", "apex", "--evidence", "e", "--json")
+    first = json.loads(run(*asked)[1])["assets"][0]
+    written = (studio / "e").read_bytes()
+    assert Key.load(studio / "k").secret not in written
+    again = json.loads(run(*asked)[1])["assets"][0]
+    for found in (first, again):
+        found.pop("elapsed_s")
+    assert again == first
+    assert (studio / "e").read_bytes() == written
+    code, _, err = run(
+        "verify", "creature.usdc", "--key", "k", "--scheme", "apex", "--evidence", "e"
+    )
+    assert code == 2
+    assert "another file" in err
+    code, _, err = run(*asked, "--set", "width=0.05")
+    assert code == 2
+    assert "other schemes or parameters" in err
+    code, _, err = run(*asked, "--frames", "1:9")
+    assert code == 2
+    assert "other frames" in err
+
+
+def test_broken_evidence_is_refused(run, studio) -> None:
+    asked = ("verify", "marked.usda", "--key", "k", "--scheme", "apex", "--evidence", "broken")
+    (studio / "broken").write_bytes(b"PK not at all")
+    code, _, err = run(*asked)
+    assert code == 3
+    assert "is not an evidence file" in err
+    assert "Traceback" not in err
+
+
+def test_recipients_come_from_a_file(run, studio) -> None:
+    embed = ("embed", "creature.usdc", "--key", "k", "-o", "seven.usdc", "--recipient", "studio 7")
+    assert run(*embed, "--frames", "1:9")[0] == 0
+    names = [f"studio {i}" for i in range(200)]
+    (studio / "names").write_text("# who got it\n\n" + "\n".join(names) + "\n")
+    asked = ("verify", "seven.usdc", "--key", "k", "--scheme", "apex", "--frames", "1:9", "--json")
+    code, out, _ = run(*asked, "--recipient", "@names")
+    [asset] = json.loads(out)["assets"]
+    assert (code, asset["recipient"]) == (0, "studio 7")
+    code, _, err = run(*asked, "--recipient", "@nowhere")
+    assert code == 3
+    assert "nowhere" in err
+
+
+def test_few_frames_decide_and_pay_for_the_looks(run) -> None:
+    asked = ("verify", "marked.usda", "--key", "k", "--scheme", "apex", "--json")
+    first, whole = (
+        json.loads(run(*asked, "--frames", frames)[1])["assets"][0] for frames in ("auto", ":")
+    )
+    assert first["verdict"] == whole["verdict"] == "marked"
+    assert first["prims"][0]["frames"] < whole["prims"][0]["frames"] == 3
+    # An eighth of the rate was for this look.
+    [frame] = first["prims"][0]["per_frame"]
+    assert first["log10_p"] == pytest.approx(frame["log10_p"] + np.log10(8), abs=0.5)
+
+
+def test_distortion_is_kept_within_its_limit(run, studio) -> None:
+    embed = ("embed", "creature.usdc", "--key", "k", "-o", "faint.usdc", "--max-mrms", "5e-5")
+    assert run(*embed)[0] == 0
+    [prim] = json.loads((studio / "faint.usdc.meshmark.json").read_text())["prims"]
+    # Measured on samples of the surface, once for the limit and once more for the manifest.
+    assert 3e-5 < prim["distortion"]["mrms_rel"] < 5.5e-5
+    code, _, err = run(*embed, "--scheme", "tsai2014")
+    assert code == 2
+    assert "max_mrms" in err

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.errors import InputError
+from meshmark.evidence import Evidence, Strand
+from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
+
+
+@pytest.fixture
+def stored() -> StoredEvidence:
+    soft = np.random.default_rng(0).uniform(-1, 1, size=(2, 3, 4, 5))
+    strands = (
+        Strand.of(soft, np.log([0.5, 0.3, 0.2]), 0, float(np.log(0.5))),
+        Strand.of(soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5))),
+    )
+    item = Evidence("/A", "apex", 8, np.array([1.0, 2.5]), strands, tracked=False)
+    files = (("a.usd", "0" * 64),)
+    return StoredEvidence(files, [{"scheme": {"name": "apex"}}], "1:3", (item,), ("a note",))
+
+
+def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
+    save_evidence(stored, tmp_path / "e")
+    loaded = load_evidence(tmp_path / "e")
+    assert (loaded.files, loaded.frames, loaded.notes) == (stored.files, "1:3", ("a note",))
+    assert loaded.recipes == stored.recipes
+    [old], [new] = stored.items, loaded.items
+    assert (new.prim, new.scheme, new.n_words, new.tracked) == ("/A", "apex", 8, False)
+    np.testing.assert_array_equal(new.times, old.times)
+    for before, after in zip(old.strands, new.strands, strict=True):
+        assert (after.restored, after.log_belief) == (before.restored, before.log_belief)
+        np.testing.assert_array_equal(after.steps, before.steps)
+        np.testing.assert_array_equal(after.log_prior, before.log_prior)
+
+
+def test_the_same_evidence_gives_the_same_bytes(stored, tmp_path) -> None:
+    for name in ("one", "two"):
+        save_evidence(stored, tmp_path / name)
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+
+
+@pytest.mark.parametrize("keep", [0, 10, 200, -30])
+def test_a_torn_file_is_refused(stored, tmp_path, keep) -> None:
+    save_evidence(stored, tmp_path / "e")
+    (tmp_path / "torn").write_bytes((tmp_path / "e").read_bytes()[:keep])
+    with pytest.raises(InputError, match="evidence"):
+        load_evidence(tmp_path / "torn")
+
+
+def test_arrays_of_somebody_elses_are_refused(tmp_path) -> None:
+    with (tmp_path / "e").open("wb") as file:
+        np.savez(file, header=np.array("{}"))
+    with pytest.raises(InputError, match="evidence"):
+        load_evidence(tmp_path / "e")
+
+
+def test_a_missing_file_is_named(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"nothing\.here"):
+        load_evidence(tmp_path / "nothing.here")
