@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import gc
+import os
 import pickle
 
 import numpy as np
 import pytest
 
 from meshmark.errors import InputError, UsageError
-from meshmark.parallel import JOBS_VARIABLE, default_jobs, ordered_map
+from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map
 from meshmark.scratch import ScratchFile
 
 
@@ -30,6 +31,43 @@ def test_results_come_in_order(jobs) -> None:
 def test_errors_come_home_whole(jobs) -> None:
     with pytest.raises(InputError, match=r"a\.usd: /A: frame 7: seven is bad"):
         list(ordered_map(fail_at_seven, range(20), jobs=jobs))
+
+
+def process_of(x: int) -> tuple[int, int]:
+    return x, os.getpid()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_workers_stay_for_every_round(jobs) -> None:
+    processes = set()
+    with Workers(process_of, jobs) as workers:
+        for n in (20, 0, 1, 7):
+            found = list(workers.map(range(n)))
+            assert [x for x, _ in found] == list(range(n))
+            processes |= {process for _, process in found}
+    if jobs == 1:
+        assert processes == {os.getpid()}
+    else:
+        assert len(processes) <= jobs
+        assert os.getpid() not in processes
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_failed_round_does_not_spoil_the_next(jobs) -> None:
+    with Workers(fail_at_seven, jobs) as workers:
+        with pytest.raises(InputError, match="seven is bad"):
+            list(workers.map(range(20)))
+        assert list(workers.map(range(7))) == list(range(7))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_items_are_consumed_as_results_are_taken(jobs) -> None:
+    taken = []
+    items = (taken.append(x) or x for x in range(100))
+    with Workers(square, jobs) as workers:
+        results = workers.map(items)
+        assert [next(results) for _ in range(3)] == [0, 1, 4]
+        assert len(taken) == (3 if jobs == 1 else 3 + 2 * jobs)
 
 
 def test_jobs_from_the_environment(monkeypatch) -> None:
