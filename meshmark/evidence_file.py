@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,7 +100,15 @@ def load_evidence(path: Path) -> StoredEvidence:
             items = tuple(_item(file, i, item) for i, item in enumerate(header["items"]))
     except OSError as error:
         raise InputError(f"cannot read the evidence: {error.strerror}", source=path) from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        EOFError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ):
         raise InputError("is not an evidence file of meshmark's", source=path) from None
     return StoredEvidence(
         files=tuple((str(name), str(digest)) for name, digest in header["files"]),

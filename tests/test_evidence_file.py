@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence, Strand
-from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
+from meshmark.evidence_file import FORMAT, StoredEvidence, load_evidence, save_evidence
 
 
 @pytest.fixture
@@ -46,6 +51,45 @@ def test_a_torn_file_is_refused(stored, tmp_path, keep) -> None:
     (tmp_path / "torn").write_bytes((tmp_path / "e").read_bytes()[:keep])
     with pytest.raises(InputError, match="evidence"):
         load_evidence(tmp_path / "torn")
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_changed_bit_is_refused_or_changes_nothing(stored, tmp_path, place, bit) -> None:
+    save_evidence(stored, tmp_path / "e")
+    data = bytearray((tmp_path / "e").read_bytes())
+    data[int(place * len(data))] ^= 1 << bit
+    (tmp_path / "changed").write_bytes(data)
+    try:
+        loaded = load_evidence(tmp_path / "changed")
+    except InputError:
+        return
+    # Names and dates of a zip file's entries stand there twice, and only one is read.
+    assert (loaded.files, loaded.recipes, loaded.frames) == (
+        stored.files,
+        stored.recipes,
+        stored.frames,
+    )
+    for before, after in zip(stored.items[0].strands, loaded.items[0].strands, strict=True):
+        np.testing.assert_array_equal(after.steps, before.steps)
+        np.testing.assert_array_equal(after.log_prior, before.log_prior)
+
+
+def test_another_format_is_named(tmp_path) -> None:
+    with (tmp_path / "e").open("wb") as file:
+        np.savez(file, header=np.array(json.dumps({"format": "meshmark-evidence-2"})))
+    with pytest.raises(InputError, match=FORMAT):
+        load_evidence(tmp_path / "e")
+
+
+def test_steps_of_another_kind_are_refused(stored, tmp_path) -> None:
+    [item] = stored.items
+    strand = item.strands[0]
+    for steps in (strand.steps.astype(np.int16), strand.steps[0]):
+        broken = replace(item, strands=(replace(strand, steps=steps),))
+        save_evidence(replace(stored, items=(broken,)), tmp_path / "e")
+        with pytest.raises(InputError, match="evidence"):
+            load_evidence(tmp_path / "e")
 
 
 def test_arrays_of_somebody_elses_are_refused(tmp_path) -> None:
