@@ -1,0 +1,182 @@
+"""From frames to evidence to verdicts, by a scheme that says what the test tells it to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+
+from meshmark.animation import MeshAnimation
+from meshmark.carrier import Sighting
+from meshmark.detection import Extraction, extract
+from meshmark.errors import CapacityError
+from meshmark.evidence import judge
+from meshmark.keys import Key
+from meshmark.testing.meshes import icosphere
+from meshmark.verification import LOOKS, verify, verify_in_looks
+
+KEY = Key(bytes(range(32)))
+NAME, M, K = "oracle", 4, 16
+WORDS = KEY.words(NAME, M, K)
+SILENCE = np.zeros((M, K))
+
+
+@dataclass
+class Oracle:
+    """A joint scheme that sees, at each time, what it was given for it; and notes what it saw."""
+
+    given: dict[float, np.ndarray]
+    restorations: tuple[int, ...] = (0, 10, 30)
+    seen: list[tuple[float, bytes]] = field(default_factory=list)
+    n_chips = K
+    n_words = M
+
+    def sight(self, frame) -> Sighting:
+        self.seen.append((frame.time, frame.points.tobytes()))
+        if frame.time not in self.given:
+            raise CapacityError("nothing is seen")
+        soft = self.given[frame.time]
+        return Sighting(soft[None], np.zeros(1), np.zeros((M, 1)), np.arange(M))
+
+    def require_capacity(self, animation, *, jobs) -> None:
+        raise NotImplementedError
+
+    def plan(self, animation, words, *, jobs) -> None:
+        raise NotImplementedError
+
+
+@dataclass
+class OracleRecipe:
+    """Stands where a `Recipe` would."""
+
+    oracle: Oracle
+    scheme: str = NAME
+
+    def build(self) -> Oracle:
+        return self.oracle
+
+
+def still(n_frames) -> MeshAnimation:
+    V, F = icosphere(1)
+    return MeshAnimation.from_arrays(
+        np.tile(V, (n_frames, 1, 1)), F, times=np.arange(float(n_frames)), prim="/Ball"
+    )
+
+
+def marked_at(times, n_frames) -> Oracle:
+    return Oracle({float(t): WORDS if t in times else SILENCE for t in range(n_frames)})
+
+
+def noise_at(times, seed=0) -> Oracle:
+    rng = np.random.default_rng(seed)
+    return Oracle({float(t): rng.uniform(-1, 1, size=(M, K)) for t in times})
+
+
+def test_nothing_is_measured_twice_by_looks_that_grow() -> None:
+    scheme, told = noise_at(range(6)), []
+    view = Extraction(still(6), scheme, NAME)
+    view.look([0], (0,))
+    assert len(scheme.seen) == 1
+    view.look([0])
+    assert len(scheme.seen) == 3
+    view.look([0, 2, 4], progress=lambda done, total: told.append((done, total)))
+    assert len(scheme.seen) == len(set(scheme.seen)) == 9
+    assert told == [(2, 3), (3, 3)]
+    view.look([0, 2, 4])
+    assert len(scheme.seen) == 9
+
+
+def test_looks_that_grew_show_what_one_look_shows() -> None:
+    grown, scheme = noise_at(range(6)), noise_at(range(6))
+    view = Extraction(still(6), grown, NAME)
+    for frames in ([0], [0, 3], range(6)):
+        found = view.look(frames)
+    at_once = extract(still(6), scheme, NAME)
+    np.testing.assert_array_equal(found.times, at_once.times)
+    for one, two in zip(found.strands, at_once.strands, strict=True):
+        assert (one.restored, one.log_belief) == (two.restored, two.log_belief)
+        np.testing.assert_array_equal(one.steps, two.steps)
+    assert set(grown.seen) == set(scheme.seen)
+
+
+@pytest.mark.parametrize("restorations", [(0,), (0, 10), (0, 10, 30, 50)])
+def test_what_may_have_been_done_to_a_copy_shares_one_belief(restorations) -> None:
+    scheme = noise_at([0])
+    scheme.restorations = restorations
+    whole = extract(still(1), scheme, NAME)
+    assert [strand.restored for strand in whole.strands] == list(restorations)
+    assert logsumexp([strand.log_belief for strand in whole.strands]) == pytest.approx(0, abs=1e-12)
+    # A look that leaves restorations out may not believe more in what it looks at.
+    [plain] = Extraction(still(1), scheme, NAME).look([0], (0,)).strands
+    assert plain.log_belief == whole.strands[0].log_belief
+
+
+def test_a_frame_without_carriers_is_silent() -> None:
+    evidence = extract(still(3), noise_at([0, 2]), NAME)
+    assert [bool(np.any(steps)) for steps in evidence.strands[0].steps] == [True, False, True]
+
+
+def test_no_carriers_at_all_name_the_mesh() -> None:
+    with pytest.raises(CapacityError, match=r"/Ball.*no carrier"):
+        extract(still(3), noise_at([]), NAME)
+
+
+def test_looks_share_the_rate_and_the_last_sees_everything() -> None:
+    assert sum(look.share for look in LOOKS) == 1.0
+    assert (LOOKS[-1].frames, LOOKS[-1].restored) == (None, True)
+
+
+@given(n_frames=st.integers(1, 300))
+def test_a_look_spreads_over_the_frames_there_are(n_frames) -> None:
+    view = Extraction(still(n_frames), noise_at(range(n_frames)), NAME)
+    view.look = lambda frames, restorations, progress: list(frames)
+    for look in LOOKS:
+        frames = look.at(view, None)
+        count = n_frames if look.frames is None else min(look.frames, n_frames)
+        assert len(frames) == count
+        assert frames[0] == 0
+        assert frames[-1] < n_frames
+        assert len(set(np.diff(frames))) <= 1
+
+
+@pytest.mark.parametrize(
+    ("times", "look"),
+    [((0,), 0), ((6, 12, 18), 2), ((2, 4, 8, 10, 14, 16, 20, 22), 3), (range(1, 24, 2), 4)],
+)
+def test_more_frames_are_looked_at_only_while_they_do_not_decide(times, look) -> None:
+    scheme = marked_at(times, 24)
+    verdict = verify_in_looks(still(24), KEY, recipes=[OracleRecipe(scheme)])
+    assert verdict.verdict == "marked"
+    count = LOOKS[look].frames or 24
+    frames = range(0, 24, 24 // count)
+    assert {time for time, _ in scheme.seen} == set(map(float, frames))
+    restorations = scheme.restorations if LOOKS[look].restored else (0,)
+    alone = Extraction(still(24), marked_at(times, 24), NAME).look(frames, restorations)
+    paid = judge(alone, KEY).log10_p - np.log10(LOOKS[look].share)
+    assert verdict.log10_p == pytest.approx(paid, abs=1e-12)
+
+
+def test_looks_and_one_look_give_the_same_answer() -> None:
+    for scheme, answer in ((marked_at((0, 1), 3), "marked"), (noise_at(range(3)), "not marked")):
+        looked = verify_in_looks(still(3), KEY, recipes=[OracleRecipe(scheme)])
+        whole = verify(still(3), KEY, recipes=[OracleRecipe(scheme)])
+        auto = verify(still(3), KEY, recipes=[OracleRecipe(scheme)], frames="auto")
+        assert looked.verdict == whole.verdict == auto.verdict == answer
+        assert auto.log10_p == looked.log10_p
+
+
+def test_a_scheme_that_sees_nothing_is_paid_for_and_noted() -> None:
+    blind = OracleRecipe(noise_at([]), "blind")
+    sharp = OracleRecipe(marked_at((0,), 1))
+    alone = verify_in_looks(still(1), KEY, recipes=[sharp])
+    both = verify_in_looks(still(1), KEY, recipes=[blind, sharp])
+    assert both.log10_p == pytest.approx(alone.log10_p + np.log10(2), abs=1e-12)
+    assert [prim.scheme for prim in both.prims] == [NAME]
+    [note] = both.notes
+    assert note.startswith("/Ball: blind: no carrier")
+    nothing = verify_in_looks(still(1), KEY, recipes=[blind])
+    assert (nothing.verdict, nothing.log10_p, nothing.prims) == ("inconclusive", 0.0, ())
