@@ -287,11 +287,21 @@ def test_recipients_come_from_a_file(run, studio) -> None:
     assert run(*embed, "--frames", "1:9")[0] == 0
     names = [f"studio {i}" for i in range(200)]
     (studio / "names").write_text("# who got it\n\n" + "\n".join(names) + "\n")
-    asked = ("verify", "seven.usdc", "--key", "k", "--scheme", "apex", "--frames", "1:9", "--json")
-    code, out, _ = run(*asked, "--recipient", "@names")
-    [asset] = json.loads(out)["assets"]
-    assert (code, asset["recipient"]) == (0, "studio 7")
-    code, _, err = run(*asked, "--recipient", "@nowhere")
+    asked = ("verify", "seven.usdc", "--scheme", "apex", "--frames", "1:9", "--json", "--evidence")
+    found = []
+    # Measured at first, then read from the file.
+    for more in (("--recipient", "@names"), ("--recipient", "@names"), ()):
+        code, out, _ = run(*asked, "seven.evidence", "--key", "k", *more)
+        [asset] = json.loads(out)["assets"]
+        found.append((code, asset["verdict"], asset["recipient"], asset["log10_p"]))
+    assert found[0] == found[1]
+    assert found[0][:3] == (0, "marked", "studio 7")
+    assert found[2][:3] == (1, "not marked", None)
+    Key(bytes(range(1, 33))).save(studio / "other")
+    assert run(*asked, "others.evidence", "--key", "other", "--recipient", "studio 7")[0] == 1
+    # Evidence is the file's alone: no key, no name, and no hour goes into it.
+    assert (studio / "others.evidence").read_bytes() == (studio / "seven.evidence").read_bytes()
+    code, _, err = run(*asked, "seven.evidence", "--key", "k", "--recipient", "@nowhere")
     assert code == 3
     assert "nowhere" in err
 
@@ -305,7 +315,7 @@ def test_few_frames_decide_and_pay_for_the_looks(run) -> None:
     assert first["prims"][0]["frames"] < whole["prims"][0]["frames"] == 3
     # An eighth of the rate was for this look.
     [frame] = first["prims"][0]["per_frame"]
-    assert first["log10_p"] == pytest.approx(frame["log10_p"] + np.log10(8), abs=0.5)
+    assert first["log10_p"] == pytest.approx(frame["log10_p"] + np.log10(8), abs=1e-9)
 
 
 def test_distortion_is_kept_within_its_limit(run, studio) -> None:

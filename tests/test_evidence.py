@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshmark.carrier import Carrier, measure, sighting_of
-from meshmark.evidence import Evidence, Strand, bit_errors, judge
+from meshmark.evidence import SHORT_LIST, Evidence, Strand, bit_errors, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.verdict import decide
 
@@ -145,6 +145,81 @@ def test_frames_that_disagree_on_the_reading_speak_each_by_itself() -> None:
     tracked = replace(item, tracked=True)
     assert judge(item, KEY).log10_p < judge(tracked, KEY).log10_p - 3
     assert judge(item, KEY).log10_p < -6 < -2 < judge(item, OTHER).log10_p
+
+
+def many_ways(*, tracked=True) -> Evidence:
+    """Three frames of noise, seen as they stand and restored, under three readings each."""
+    soft = np.clip(np.random.default_rng(7).normal(size=(2, 3, 3, 4, 16)), -1, 1)
+    strands = tuple(
+        Strand.of(soft[i], np.log([0.6, 0.3, 0.1]), restored, float(np.log(belief)))
+        for i, (restored, belief) in enumerate([(0, 0.7), (30, 0.3)])
+    )
+    return Evidence("/A", "tsai2014", 4, np.arange(3.0), strands, tracked)
+
+
+@pytest.mark.parametrize("tracked", [True, False])
+def test_p_is_honest_over_readings_strands_and_frames(tracked) -> None:
+    n = 2000
+    words = 2 * np.random.default_rng(2).integers(0, 2, size=(n, 4, 16)) - 1
+    p = log10_p_of(many_ways(tracked=tracked), words)
+    assert np.all(p <= 0)
+    for alpha in (0.5, 0.1, 0.01):
+        assert np.mean(p <= np.log10(alpha)) <= alpha + 5 * np.sqrt(alpha * (1 - alpha) / n)
+
+
+def e_value(evidence, words) -> np.ndarray:
+    return 10.0 ** -log10_p_of(evidence, words)
+
+
+def test_strands_share_their_belief() -> None:
+    words = KEY.words("tsai2014", 4, 16)
+    near, far = 0.5 * words[None, None], 0.3 * words[None, None]
+    times, sure = np.array([1.0]), np.zeros(1)
+
+    def seen(*strands) -> float:
+        item = Evidence("/A", "tsai2014", 4, times, strands)
+        return float(e_value(item, words[None])[0])
+
+    one, two = seen(Strand.of(near, sure)), seen(Strand.of(far, sure))
+    both = seen(
+        Strand.of(near, sure, 0, float(np.log(0.7))), Strand.of(far, sure, 30, float(np.log(0.3)))
+    )
+    assert min(one, two) > 100
+    assert both == pytest.approx(0.7 * one + 0.3 * two)
+
+
+def test_frames_without_identity_share_belief_with_all_together() -> None:
+    words = KEY.words("tsai2014", 4, 16)
+    strength = np.array([0.5, 0.7, 0.6])
+    value = strength[:, None, None] * words
+    item = of_values(value, 4, np.arange(3.0), tracked=False)
+    together = e_value(replace(item, tracked=True), words[None])[0]
+    alone = [e_value(item.select([t]), words[None])[0] for t in range(3)]
+    assert min(alone) > 100
+    expected = 0.5 * together + 0.5 * np.mean(alone)
+    assert e_value(item, words[None])[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("tracked", [True, False])
+def test_one_of_two_hundred_recipients_is_named(tracked) -> None:
+    names = [f"studio {i}" for i in range(200)]
+    words = KEY.words("tsai2014", 8, 16, "studio 137")
+    item = replace(evidence(words[:5], noise=1.0, n_words=8), tracked=tracked)
+    verdict = decide("f", [item], KEY, recipients=names)
+    assert (verdict.verdict, verdict.recipient) == ("marked", "studio 137")
+    alone = judge(item, KEY, "studio 137").log10_p
+    assert verdict.log10_p == pytest.approx(alone + np.log10(201))
+
+
+def test_only_the_best_are_tried_on_each_frame_by_itself() -> None:
+    item = many_ways(tracked=False)
+    words = 2 * np.random.default_rng(3).integers(0, 2, size=(50, 4, 16)) - 1
+    tracked = log10_p_of(replace(item, tracked=True), words)
+    listed = np.argsort(tracked, kind="stable")[:SHORT_LIST]
+    p, each = log10_p_of(item, words), np.array([log10_p_of(item, w[None])[0] for w in words])
+    np.testing.assert_allclose(p[listed], each[listed], atol=1e-12)
+    # Whoever is not on the list is believed less, never more.
+    assert np.all(p >= each - 1e-12)
 
 
 def test_carriers_become_evidence_by_their_strength() -> None:
