@@ -21,9 +21,8 @@ import matplotlib.pyplot as plt
 from measuring import PAGES, Run, data_folder, run, table
 
 from meshmark import Key, read
-from meshmark.evidence import Evidence
+from meshmark.evidence import Evidence, log10_p_of
 from meshmark.recipe import Recipe
-from meshmark.statistics import log10_p_words
 from meshmark.verification import gather
 
 # Distortion of the published method, relative to nothing: the paper does not say. Its meshes
@@ -152,10 +151,8 @@ def _log10_p(evidence: Evidence, n_keys: int) -> np.ndarray:
     own = np.array([evidence.words(key, None) for key in keys])
     return np.stack(
         [
-            np.concatenate(
-                [log10_p_words(evidence.pooled, part) for part in np.array_split(own, 20)]
-            ),
-            log10_p_words(evidence.pooled, own[:, :1]),
+            log10_p_of(evidence, own),
+            log10_p_of(evidence, own[:, :1]),
         ]
     )
 

@@ -63,9 +63,10 @@ def main() -> None:
 def _wrong_share(evidence, key) -> np.ndarray:
     """Share of wrong bits over all parts, each against its own word, frame by frame."""
     words = evidence.words(key, None)
-    carriers = np.arange(min(evidence.value.shape[1], len(words)))
-    held = evidence.held[:, carriers]
-    wrong = held & (np.sign(evidence.value[:, carriers]) != words[carriers])
+    carriers = np.arange(min(evidence.carriers, len(words)))
+    bits = np.sign(evidence.strands[0].steps[:, 0, carriers])
+    held = bits != 0
+    wrong = held & (bits != words[carriers])
     return wrong.sum(axis=(1, 2)) / held.sum(axis=(1, 2))
 
 

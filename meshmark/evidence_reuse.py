@@ -52,7 +52,7 @@ def kept_evidence(
     wanted = StoredEvidence(
         files=_digests(asset),
         recipes=[recipe.as_json() for recipe in tried],
-        frames=None if frames == "auto" else frames,
+        frames=None if frames in ("auto", ":") else frames,
         items=(),
         notes=(),
     )

@@ -213,7 +213,8 @@ def _better(new: Verdict, old: Verdict) -> bool:
     """Prefer the lower p; "not marked", which needs more evidence, to "inconclusive"."""
     if new.log10_p != old.log10_p:
         return new.log10_p < old.log10_p
-    return old.verdict == "inconclusive"
+    # Of equals the later one, which has seen more.
+    return new.verdict == old.verdict or old.verdict == "inconclusive"
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
 from meshmark.geometry import face_areas
 from meshmark.testing.invariance import moved, reordered
@@ -26,6 +27,7 @@ from meshmark_plugins.schemes.apex.anchors import (
 from meshmark_plugins.schemes.apex.persistence import persistent_maxima
 from meshmark_plugins.schemes.apex.pieces import split
 from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.scheme import Apex
 from meshmark_plugins.schemes.apex.survey import VICINITY, measure_from, survey
 
 LEAST = 0.06
@@ -219,3 +221,17 @@ def test_the_order_of_vertices_and_faces_changes_nothing():
     mixed = reordered(V, F, np.random.default_rng(3))
     (other,) = survey(mixed.V, mixed.F, LEAST, 12)
     assert_same_survey(other, mixed.vertex, *survey(V, F, LEAST, 12))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_sighting_is_the_same_wherever_and_however_large_and_in_any_order(scale):
+    V, F = bumpy_sphere(4, HORNS, width=np.array([0.34, 0.26, 0.32, 0.24, 0.3]))
+    rng = np.random.default_rng(2)
+    mixed = reordered(moved(V, scale, rng), F, rng)
+    one, other = (
+        Apex().sight(Frame(1.0, P, Topology.from_triangles(G, len(P))))
+        for P, G in ((V, F), (mixed.V, mixed.F))
+    )
+    np.testing.assert_array_equal(mixed.vertex[other.vertices], one.vertices)
+    np.testing.assert_allclose(other.soft, one.soft, atol=1e-6)
+    np.testing.assert_allclose(other.descriptors, one.descriptors, atol=1e-9)

@@ -93,11 +93,17 @@ def centre_of_caps(V: FloatArray, F: IntArray, f: FloatArray, maxima: IntArray) 
     Returns
     -------
     (m,) int
-        The vertex of each cap that is nearest to its centre of gravity.
+        The vertex of each cap that is nearest to its centre of gravity; a maximum on a border
+        stays there, and can be told from a tip.
     """
     areas = vertex_areas(V, F)
     adjacency = vertex_adjacency(F, len(V))
-    return np.array([_centre(V, f, areas, adjacency, int(top)) for top in maxima], dtype=np.int64)
+    border = np.zeros(len(V), dtype=bool)
+    border[boundary_edges(F)] = True
+    centres = [
+        int(top) if border[top] else _centre(V, f, areas, adjacency, int(top)) for top in maxima
+    ]
+    return np.array(centres, dtype=np.int64)
 
 
 def _centre(

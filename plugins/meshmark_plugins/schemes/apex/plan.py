@@ -125,8 +125,8 @@ def plan_animation(
 
 
 def key_frames(n_frames: int, hold: int) -> FloatArray:
-    """Spread key frames evenly, about `hold` frames apart, (J,) float64."""
-    n_keys = 1 + round((n_frames - 1) / hold)
+    """Spread key frames evenly, `hold` frames apart or somewhat more, (J,) float64."""
+    n_keys = 1 + (n_frames - 1) // hold
     return np.linspace(0.0, n_frames - 1.0, n_keys) if n_keys > 1 else np.zeros(1)
 
 

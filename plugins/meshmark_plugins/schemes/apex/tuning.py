@@ -27,8 +27,8 @@ class Tuning:
         Limit to the mean distance of the marked surface from the original, the larger of both
         directions' RMS, as a share of the bounding box's diagonal; in (0, 0.1).
     hold : int
-        Frames after which the displacement may have changed altogether; 1 to 10000. It is
-        blended in between, so that the mark rests on the moving surface.
+        Fewest frames after which the displacement may have changed altogether; 1 to 10000. It
+        is blended in between, so that the mark rests on the moving surface.
     """
 
     bins: int
