@@ -37,7 +37,7 @@ def test_it_brings_back_what_smoothing_took(bumpy, n, gain) -> None:
 @pytest.mark.parametrize("n", [10, 30, 50])
 def test_the_shape_is_the_same_far_from_the_origin(bumpy, n) -> None:
     near = unsmooth(bumpy, n).points
-    far = unsmooth(bumpy.moved(bumpy.points + [1e3, 0.0, -1e3]), n).points
+    far = unsmooth(bumpy.moved(bumpy.points + np.array([1e3, 0.0, -1e3])), n).points
     gap = far - near
     np.testing.assert_allclose(gap, np.tile(gap.mean(axis=0), (len(gap), 1)), atol=1e-9)
 
