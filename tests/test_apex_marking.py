@@ -192,7 +192,7 @@ def test_a_plan_is_weakened_to_the_limit_and_not_much_below_it(gallop, gallop_pl
 REFUSED = {
     "sphere": (icosphere(4), "tips such as hands, feet.*choose another scheme"),
     "torus": (torus(60, 30), "mark the mesh this one is worn by.*choose another scheme"),
-    "plane": (plane(20), "tips lie on open borders.*choose another scheme"),
+    "plane": (plane(40), "tips lie on open borders.*choose another scheme"),
     "prop": (capsule(14, 21), r"296 points give \d+ chips.*takes 40.*subdivide it"),
 }
 
