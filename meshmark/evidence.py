@@ -223,7 +223,7 @@ def judge_best(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -
         recipient=recipients[best],
         log10_p=float(log10_p[best]),
         log10_p_per_frame=np.array(
-            [float(_pooled_log10_p(evidence.select([t]), words[best])) for t in frames]
+            [min(0.0, float(_pooled_log10_p(evidence.select([t]), words[best]))) for t in frames]
         ),
         errors=bit_errors(evidence, words[best]),
     )
@@ -250,7 +250,7 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
     """
     together = _pooled_log10_p(evidence, words)
     if evidence.tracked or evidence.n_words == 1 or len(evidence.times) == 1:
-        return together
+        return np.minimum(0.0, together)
     shared = together + np.log10(2.0)
     listed = np.argsort(together, kind="stable")[:SHORT_LIST]
     alone = np.array(
@@ -262,12 +262,13 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
 
 
 def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
+    """Bound log10 p from the frames' mean evidence; above 0 where even 1 is too low a bound."""
     first = evidence.strands[0]
-    if len(evidence.strands) == 1:
+    if words.shape[-2] == 1:
         return log10_p_words(first.pooled, words, first.belief)
     # Strands may have found different carriers; their e-values are averaged all the same.
     log_e = [word_log_e_means(strand.pooled, strand.belief, words) for strand in evidence.strands]
-    pooled: FloatArray = np.minimum(0.0, -logsumexp(np.array(log_e), axis=0) / np.log(10.0))
+    pooled: FloatArray = -logsumexp(np.array(log_e), axis=0) / np.log(10.0)
     return pooled
 
 

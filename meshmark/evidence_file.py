@@ -97,7 +97,13 @@ def load_evidence(path: Path) -> StoredEvidence:
             header = json.loads(str(file["header"]))
             if header["format"] != FORMAT:
                 raise InputError(f"is not of the format {FORMAT}", source=path)
-            items = tuple(_item(file, i, item) for i, item in enumerate(header["items"]))
+            return StoredEvidence(
+                files=tuple((str(name), str(digest)) for name, digest in header["files"]),
+                recipes=list(header["recipes"]),
+                frames=header["frames"],
+                items=tuple(_item(file, i, item) for i, item in enumerate(header["items"])),
+                notes=tuple(header["notes"]),
+            )
     except OSError as error:
         raise InputError(f"cannot read the evidence: {error.strerror}", source=path) from None
     except (
@@ -110,13 +116,6 @@ def load_evidence(path: Path) -> StoredEvidence:
         zlib.error,
     ):
         raise InputError("is not an evidence file of meshmark's", source=path) from None
-    return StoredEvidence(
-        files=tuple((str(name), str(digest)) for name, digest in header["files"]),
-        recipes=header["recipes"],
-        frames=header["frames"],
-        items=items,
-        notes=tuple(header["notes"]),
-    )
 
 
 def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
@@ -129,11 +128,21 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
         )
         for j, strand in enumerate(described["strands"])
     )
+    times = file[f"times{i}"].astype(np.float64)
+    for strand in strands:
+        T, R, *_ = strand.steps.shape
+        if len(times) != T or strand.log_prior.shape != (R,):
+            raise ValueError("shapes")
+        # Belief beyond 1 would make any key look right.
+        if np.exp(strand.belief).sum() > 1.0 + 1e-9:
+            raise ValueError("belief")
+    if not strands:
+        raise ValueError("no strand")
     return Evidence(
         prim=str(described["prim"]),
         scheme=str(described["scheme"]),
         n_words=int(described["n_words"]),
-        times=file[f"times{i}"].astype(np.float64),
+        times=times,
         strands=strands,
         tracked=bool(described["tracked"]),
     )

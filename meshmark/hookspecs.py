@@ -161,12 +161,13 @@ def meshmark_geodesic_solvers() -> Iterable[GeodesicSolverRecord]:  # type: igno
 
 @hookspec
 def meshmark_schemes() -> Iterable[SchemeRecord]:  # type: ignore[empty-body]
-    """Offer watermarking schemes; the factory makes a `Scheme`.
+    """Offer watermarking schemes; the factory makes a `Scheme` or a `JointScheme`.
 
     Beside its own parameters the factory takes two keywords: `segmenter`, a `Segmenter`, and
     `solver`, a callable (V, F) -> `GeodesicSolver`. A scheme says where the carriers are and
-    how vertices move; measuring, targets, the closed loop and statistics are the core's.
-    `meshmark.testing.SchemeSuite` checks it.
+    how vertices move; measuring, targets, the closed loop and statistics are the core's. A joint
+    scheme finds carriers in each frame anew, and plans the marking of all frames at once.
+    `meshmark.testing.SchemeSuite` and `JointSchemeSuite` check them.
 
     Examples
     --------

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from meshmark.animation import Asset, MeshAnimation
 from meshmark.detection import Extraction
 from meshmark.errors import CapacityError
@@ -224,7 +226,8 @@ class Look:
     Parameters
     ----------
     frames : int or None
-        Number of frames, evenly spaced from the first; None for all.
+        Number of frames, evenly spaced from the first, beside those of smaller looks; None
+        for all.
     restored : bool
         Whether smoothing is undone, too.
     share : float
@@ -237,12 +240,16 @@ class Look:
 
     def at(self, view: Extraction, progress: Callable[[int, int], None] | None) -> Evidence:
         """Measure that much of a mesh; what was measured before is not measured again."""
-        total = len(view.animation)
-        count = total if self.frames is None else min(self.frames, total)
-        # Strides that divide each other: every look's frames are among the next one's.
-        stride = max(1, total // count)
-        chosen = range(0, stride * count, stride)
+        chosen = self.chosen(len(view.animation))
         return view.look(chosen, view.restorations if self.restored else (0,), progress)
+
+    def chosen(self, total: int) -> list[int]:
+        """Spread the frames evenly over `total`, those of all smaller looks among them."""
+        if self.frames is None:
+            return list(range(total))
+        smaller = [look.frames for look in LOOKS if look.frames and look.frames <= self.frames]
+        spread = [np.linspace(0, total - 1, min(n, total)).round() for n in smaller]
+        return np.unique(np.concatenate(spread)).astype(int).tolist()
 
 
 # Half of the rate is kept for the look at everything: what few frames cannot show, all must.
