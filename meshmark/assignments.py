@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,12 +54,6 @@ def mean_over_assignments(log_e: FloatArray) -> FloatArray:
         means.append(_sums_over_counts(log_table, C, M, log_weight_sums))
     mean: FloatArray = logsumexp(np.array(means), axis=0) - np.log(len(means))
     return mean + scale.sum(axis=(-2, -1))
-
-
-def log_assignments(n_carriers: int, n_words: int) -> float:
-    """Log of the number of ways to give words to carriers, each word at most once."""
-    more, fewer = max(n_carriers, n_words), min(n_carriers, n_words)
-    return float(gammaln(more + 1) - gammaln(more - fewer + 1))
 
 
 def _ordered_mean(e: FloatArray, idle: FloatArray) -> FloatArray:

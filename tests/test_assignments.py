@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from meshmark.assignments import FALSE_CARRIER, ORDERLINESS, log_assignments, mean_over_assignments
+from meshmark.assignments import FALSE_CARRIER, ORDERLINESS, mean_over_assignments
 from meshmark.statistics import word_log_e
 
 
@@ -80,8 +80,3 @@ def test_huge_e_values_do_not_overflow() -> None:
     np.fill_diagonal(log_e, 400.0)
     # All four in order, at the price of the belief in that.
     assert 1600.0 - 8.0 < mean_over_assignments(log_e) < 1600.0
-
-
-def test_the_number_of_assignments() -> None:
-    assert np.exp(log_assignments(6, 8)) == pytest.approx(20160)
-    assert np.exp(log_assignments(5, 3)) == pytest.approx(60)

@@ -110,13 +110,14 @@ def test_a_thousand_wrong_keys_are_found_no_oftener_than_p_says(evidence, label,
     assert not np.any(log10_p <= -6)
 
 
-def test_topology_and_unmoved_points_are_those_of_the_source(horse, marked) -> None:
+def test_topology_and_unmoved_points_are_those_of_the_source(horse, marked, recipe) -> None:
     before = read(horse).meshes[0]
     after = read(marked.path.with_name(marked["output"])).meshes[0]
     assert np.array_equal(before.times, after.times)
     for index in (0, 11, 23):
-        # A mark moves most points, and never a point's faces.
         assert before[index].topology.same_as(after[index].topology)
         still = np.all(before[index].points == after[index].points, axis=1)
         assert still.mean() < 0.9
+        # apex moves the whole surface a little; the published scheme holds the cuts still.
+        assert recipe.scheme == "apex" or still.mean() > 0.05
     np.testing.assert_array_equal(before[30].points, after[30].points)

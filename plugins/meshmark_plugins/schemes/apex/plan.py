@@ -14,9 +14,9 @@ from meshmark.restraint import restrain
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import surface_distance
 from meshmark_plugins.schemes.apex.consensus import lasting_anchors
-from meshmark_plugins.schemes.apex.displacement import displacement
+from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
-from meshmark_plugins.schemes.apex.poses import Asked, AskPose, Cover, held_chips
+from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
 from meshmark_plugins.schemes.apex.refit import refit
 from meshmark_plugins.schemes.apex.survey import measure_from
 from meshmark_plugins.schemes.apex.tuning import Tuning
@@ -141,7 +141,7 @@ def poses_about(keys: FloatArray, j: int, n_frames: int) -> list[int]:
 def _solve(
     animation: MeshAnimation,
     ask: AskPose,
-    workers: Workers[tuple[int, FloatArray], Asked],
+    workers: Workers[tuple[int, FloatArray], Demand],
     poses: list[int],
     d: FloatArray,
     rounds: int,
@@ -154,8 +154,8 @@ def _solve(
     for near in measure_from(cover.V, cover.F, ask.anchors):
         energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
     for _ in range(rounds):
-        asked = list(workers.map([(t, d) for t in poses]))
-        d = displacement([item.demand for item in asked], energy, REACH * width, d)
+        demands = list(workers.map([(t, d) for t in poses]))
+        d = displacement(demands, energy, REACH * width, d)
     return d * np.repeat(_shares(cover, points, d), 3)
 
 

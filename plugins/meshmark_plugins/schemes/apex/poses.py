@@ -75,25 +75,6 @@ class Cover:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """What came of a displacement in one pose.
-
-    Parameters
-    ----------
-    demand : Demand
-        What the pose asks for.
-    chips : (C, K) float64
-        Chips times their words' signs: positive where right.
-    held : (C, K) bool
-        Which of them are no erasures.
-    """
-
-    demand: Demand
-    chips: FloatArray
-    held: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
 class AskPose:
     """Measures displacements in poses of an animation; picklable, for worker processes.
 
@@ -117,7 +98,7 @@ class AskPose:
     words: IntArray
     tuning: Tuning
 
-    def __call__(self, work: tuple[int, FloatArray]) -> Asked:
+    def __call__(self, work: tuple[int, FloatArray]) -> Demand:
         """Lay a displacement over frame `index`, and see what its chips still want."""
         index, d = work
         P, F = self.animation[index].points, self.cover.F
@@ -131,8 +112,7 @@ class AskPose:
         J = csr_matrix(signs @ J @ blocks)
         lacking = np.where(held, self.tuning.strength - right, 0.0).ravel()
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
-        demand = Demand(J, lacking + J @ d, PRICE * self.tuning.width**2 * worth)
-        return Asked(demand, right, held)
+        return Demand(J, lacking + J @ d, PRICE * self.tuning.width**2 * worth)
 
     def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
