@@ -201,7 +201,7 @@ class Finding:
     errors: BitErrors
 
 
-# Recipients whose words are tried on each frame by itself, where frames share no vertices.
+# Recipients whose words are tried on each frame by itself.
 SHORT_LIST = 16
 
 
@@ -243,13 +243,13 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
 
     Notes
     -----
-    Where vertices keep no identity, carriers of different frames may have been matched wrongly,
-    and frames may want different readings. Half of the belief is then in the frames each by
+    Some frames may be spoilt (poses that a retiming made up), want different readings, or have
+    had their carriers matched wrongly. Half of the belief is therefore in the frames each by
     itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
     of those whose words fit all frames together best; for the others it counts as 0.
     """
     together = _pooled_log10_p(evidence, words)
-    if evidence.tracked or evidence.n_words == 1 or len(evidence.times) == 1:
+    if evidence.n_words == 1 or len(evidence.times) == 1:
         return np.minimum(0.0, together)
     shared = together + np.log10(2.0)
     listed = np.argsort(together, kind="stable")[:SHORT_LIST]

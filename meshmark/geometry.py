@@ -37,11 +37,12 @@ def unit(vectors: FloatArray) -> FloatArray:
 
 
 def sum_at_corners(values: FloatArray, F: IntArray, n_points: int) -> FloatArray:
-    """Add each triangle's value (F,) or (F, k) to its three vertices, (N,) or (N, k)."""
+    """Add the value (F,) or (F, k) of each triangle, or edge, to its corners, (N,) or (N, k)."""
+    corners = F.shape[1]
     if values.ndim == 1:
-        total = np.bincount(F.ravel(), np.repeat(values, 3), n_points)
+        total = np.bincount(F.ravel(), np.repeat(values, corners), n_points)
         return total.astype(np.float64, copy=False)
-    columns = [np.bincount(F.ravel(), np.repeat(v, 3), n_points) for v in values.T]
+    columns = [np.bincount(F.ravel(), np.repeat(v, corners), n_points) for v in values.T]
     return np.stack(columns, axis=1)
 
 

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from meshmark.geometry import unit
+from meshmark.geometry import face_areas, unit, vertex_areas
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import mrms
 from meshmark.testing.meshes import bumpy_sphere, icosphere, plane, torus
+from meshmark_plugins.schemes.apex import displacement as displacing
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import (
-    FLATNESS,
     GUARD,
     LEAST_MOBILITY,
-    STIFFNESS,
     energy_over_poses,
     guarded,
-    sliding_cost,
-    stretching_cost,
 )
-from meshmark_plugins.schemes.apex.poses import Cover
+from meshmark_plugins.schemes.apex.folds import Folds
+from meshmark_plugins.schemes.apex.poses import MOST, Cover, targets
 from meshmark_plugins.schemes.apex.refit import refit
+from meshmark_plugins.schemes.apex.sliding import FLATNESS, Sliding
+from meshmark_plugins.schemes.apex.stretching import STIFFNESS, stretching_cost
 
 WIDTH = 0.045
 FAR = np.inf
@@ -70,15 +70,70 @@ def test_conjugate_gradients_stop_where_they_are_told_to():
 # The cost of moves.
 
 
+def inner(V):
+    """Which vertices of `plane` are not on its border."""
+    low, high = V[:, :2].min(axis=0), V[:, :2].max(axis=0)
+    return np.all((V[:, :2] > low) & (V[:, :2] < high), axis=1)
+
+
+def on_right(V):
+    """Which vertices of `plane` are on one of its sides, but for its corners."""
+    across = V[:, 1] - V[:, 1].mean()
+    return (V[:, 0] == V[:, 0].max()) & (np.abs(across) < 0.9 * across.max())
+
+
+def middle(V):
+    """The vertex nearest to the centre."""
+    return int(np.argmin(np.linalg.norm(V - V.mean(axis=0), axis=1)))
+
+
 def test_sliding_along_a_plane_costs_one_and_leaving_it_much_more():
     V, F = plane(5)
-    cost = sliding_cost(V, F)
+    cost = Sliding(F, len(V)).cost(V)[inner(V)]
     np.testing.assert_allclose(cost, np.broadcast_to(np.diag([1, 1, 1 + 1 / FLATNESS]), cost.shape))
+
+
+def test_leaving_a_border_costs_and_sliding_along_it_does_not():
+    V, F = plane(9)
+    cost = Sliding(F, len(V)).cost(V)
+    assert np.all(cost[on_right(V), 0, 0] > 0.1 / FLATNESS)
+    np.testing.assert_allclose(cost[on_right(V), 1, 1], 1.0)
+
+
+def test_the_rim_of_a_thin_sheet_holds_where_its_normals_do_not():
+    # Two sheets back to back, sewn together along their borders: all normals are z or -z.
+    V, F = plane(9)
+    border = ~inner(V)
+    back = np.where(border, np.arange(len(V)), len(V) + np.cumsum(~border) - 1)
+    sheet = np.concatenate([F, back[F][:, ::-1]])
+    both = np.concatenate([V, V[~border]])
+    sliding = Sliding(sheet, len(both))
+    right = on_right(both)
+    np.testing.assert_allclose(sliding.normal_spread(both)[right, 0, 0], 0.0, atol=1e-12)
+    assert np.all(sliding.cost(both)[right, 0, 0] > 0.3 / FLATNESS)
+    np.testing.assert_allclose(sliding.cost(both)[right, 1, 1], 1.0)
+
+
+def test_rims_turn_with_the_mesh_and_are_small_on_what_is_smooth():
+    rims = []
+    for level in (2, 3):
+        V, F = icosphere(level)
+        sliding = Sliding(F, len(V))
+        turned = ROTATION @ sliding.rim_spread(V) @ ROTATION.T
+        np.testing.assert_allclose(sliding.rim_spread(V @ ROTATION.T), turned, atol=1e-12)
+        # All of it along the normals, which cost as much already.
+        along = np.einsum("ni,nij,nj->n", V, sliding.rim_spread(V), V)
+        np.testing.assert_allclose(
+            along, np.trace(sliding.rim_spread(V), axis1=1, axis2=2), rtol=0.05
+        )
+        rims.append(along.mean())
+    # The square of the angle between neighbours, which a finer mesh halves.
+    assert rims[0] / rims[1] == pytest.approx(4.0, rel=0.1)
 
 
 def test_sliding_over_a_bend_costs_more():
     V, F = torus(60, 30)
-    cost = sliding_cost(V, F)
+    cost = Sliding(F, len(V)).cost(V)
     assert np.linalg.eigvalsh(cost)[:, 0].min() >= 1.0
     # Along the outer rim the way around the tube bends more than the one around the axis.
     rim = np.argmax(V[:, 0])
@@ -87,11 +142,28 @@ def test_sliding_over_a_bend_costs_more():
 
 def test_stretching_costs_the_square_of_the_slope_and_shifting_nothing():
     V, F = plane(9, side=3.0)
-    S = stretching_cost(V, F, WIDTH)
+    S = stretching_cost(V, F, WIDTH).matrix()
     d = 2.0 * V[:, 0] - V[:, 1]
     assert d @ S @ d == pytest.approx(STIFFNESS * (WIDTH / (2 * np.pi)) ** 2 * 5.0 * 9.0)
     np.testing.assert_allclose(S @ np.ones(len(V)), 0.0, atol=1e-15)
-    np.testing.assert_allclose(stretching_cost(100.0 * V, F, WIDTH).toarray(), S.toarray())
+    larger = stretching_cost(100.0 * V, F, WIDTH).matrix()
+    np.testing.assert_allclose(larger.toarray(), S.toarray(), atol=1e-15)
+    dearer = stretching_cost(V, F, WIDTH).matrix(np.full(len(F), 3.0))
+    np.testing.assert_allclose(dearer.toarray(), 3.0 * S.toarray(), atol=1e-15)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
+@settings(max_examples=20, deadline=None)
+def test_the_strain_of_a_linear_displacement_is_that_of_its_matrix(seed, side):
+    rng = np.random.default_rng(seed)
+    V, F = plane(6, side=side)
+    V = V + 0.05 * side * rng.normal(size=V.shape) * [1.0, 1.0, 0.0]
+    A = rng.normal(size=(3, 3))
+    stretching = stretching_cost(V, F, WIDTH)
+    root_area = np.sqrt(face_areas(V, F).sum())
+    strains = stretching.strains((V @ A.T / root_area).ravel())
+    # What A does to lengths in the plane; its third column is not asked.
+    np.testing.assert_allclose(strains, np.linalg.norm(A[:, :2]), rtol=1e-9)
 
 
 def test_anchors_are_guarded_and_what_is_far_from_them_is_free():
@@ -114,11 +186,15 @@ def test_a_pose_that_is_only_turned_costs_the_same():
     np.testing.assert_allclose(two.blocks, one.blocks, atol=1e-12)
 
 
-def test_a_shift_of_all_along_a_plane_costs_one():
-    V, F = plane(5)
+def test_a_shift_along_a_plane_costs_the_share_of_the_area_that_is_moved():
+    V, F = plane(9)
+    energy = energy_over_poses([unmoved(V)], V, F, WIDTH)
+    share = vertex_areas(V, F) / face_areas(V, F).sum()
+    np.testing.assert_allclose(energy.blocks[inner(V), 0, 0], share[inner(V)])
+    # Stretching costs nothing where all move alike, whatever a vertex' own move costs.
     shift = np.tile([1.0, 0.0, 0.0], len(V))
-    cost = energy_over_poses([unmoved(V)], V, F, WIDTH).weighted(np.ones(len(V)))
-    assert shift @ (cost @ shift) == pytest.approx(1.0)
+    cost = energy.weighted(np.ones(len(V)), np.full(len(F), 7.0))
+    assert shift @ (cost @ shift) == pytest.approx(energy.blocks[:, 0, 0].sum())
 
 
 # The displacement.
@@ -126,7 +202,14 @@ def test_a_shift_of_all_along_a_plane_costs_one():
 
 def demand(rng, n, k=4, change=1.0):
     J = csr_matrix(rng.normal(size=(k, 3 * n)) * (rng.random((k, 3 * n)) < 0.5))
-    return Demand(J, np.full(k, change), rng.uniform(0.5, 2.0, k))
+    return Demand(J, np.full(k, change), np.ones(k), rng.uniform(0.5, 2.0, k))
+
+
+@pytest.fixture
+def squares(monkeypatch):
+    """Prices that do not depend on the displacement: all is a matter of least squares."""
+    for name, value in (("CALM", 1.0), ("URGENT", 0.0), ("STRAIN", np.inf)):
+        monkeypatch.setattr(displacing, name, value)
 
 
 def coarse():
@@ -138,16 +221,18 @@ def dense(energy, n):
     blocks = np.zeros((3 * n, 3 * n))
     for i, block in enumerate(energy.blocks):
         blocks[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
-    return blocks + np.kron(energy.stretch.toarray(), np.eye(3))
+    return blocks + np.kron(energy.stretching.matrix().toarray(), np.eye(3))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(seed=st.integers(0, 2**32 - 1), poses=st.integers(1, 3))
-def test_what_cannot_be_met_is_solved_by_the_normal_equations(seed, poses):
+def test_what_cannot_be_met_is_solved_by_the_normal_equations(squares, seed, poses):
     rng = np.random.default_rng(seed)
     energy, n = coarse()
     # Dear moves: every chip stays short of its target.
-    energy = type(energy)(1e4 * energy.blocks, energy.stretch)
+    energy = type(energy)(1e4 * energy.blocks, energy.stretching)
     demands = [demand(rng, n) for _ in range(poses)]
     A, b = dense(energy, n), np.zeros(3 * n)
     for asked in demands:
@@ -161,11 +246,11 @@ def test_what_cannot_be_met_is_solved_by_the_normal_equations(seed, poses):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_where_some_are_met_by_what_the_others_ask_the_rest_is_in_balance(seed):
+def test_where_some_are_met_by_what_the_others_ask_the_rest_is_in_balance(squares, seed):
     rng = np.random.default_rng(seed)
     energy, n = coarse()
     asked = demand(rng, n, 6)
-    asked = Demand(asked.J, rng.normal(size=6), asked.weight)
+    asked = Demand(asked.J, rng.normal(size=6), asked.target, asked.weight)
     d = displacement([asked], energy, FAR, np.zeros(3 * n))
     short = np.maximum(asked.change - asked.J @ d, 0.0)
     assert np.any(short == 0.0)
@@ -179,7 +264,7 @@ def test_chips_beyond_their_targets_and_erasures_ask_for_nothing():
     start = 0.01 * rng.normal(size=3 * n)
     pleased = demand(rng, n, change=-100.0)
     np.testing.assert_allclose(displacement([pleased], energy, FAR, start), 0.0, atol=1e-8)
-    erased = Demand(pleased.J, np.ones(4), np.zeros(4))
+    erased = Demand(pleased.J, np.ones(4), np.ones(4), np.zeros(4))
     np.testing.assert_allclose(displacement([erased], energy, FAR, start), 0.0, atol=1e-8)
 
 
@@ -189,10 +274,74 @@ def test_moves_beyond_their_reach_are_held_back():
     asked, start = demand(rng, n), np.zeros(3 * n)
     longest = [
         np.linalg.norm(displacement([asked], energy, reach, start).reshape(-1, 3), axis=1).max()
-        for reach in (FAR, 0.3, 0.2, 0.15, 0.1)
+        for reach in (FAR, 0.1, 0.08, 0.06)
     ]
     assert np.all(np.diff(longest) < 0.0)
     assert longest[-1] < 0.8 * longest[0]
+
+
+def test_strong_stretches_are_held_back(monkeypatch):
+    rng = np.random.default_rng(4)
+    energy, n = coarse()
+    asked, start = demand(rng, n), np.zeros(3 * n)
+    strongest = []
+    for limit in (np.inf, 1.0, 0.3, 0.1):
+        monkeypatch.setattr(displacing, "STRAIN", limit)
+        d = displacement([asked], energy, FAR, start)
+        strongest.append(energy.stretching.strains(d).max())
+    assert np.all(np.diff(strongest) < 0.0)
+    assert strongest[-1] < 0.8 * strongest[0]
+
+
+def test_what_lacks_most_is_asked_for_most(monkeypatch):
+    rng = np.random.default_rng(6)
+    energy, n = coarse()
+    energy = type(energy)(30.0 * energy.blocks, energy.stretching)
+    asked = demand(rng, n, 8)
+    worst = []
+    for urgent in (0.0, displacing.URGENT, 30.0):
+        monkeypatch.setattr(displacing, "URGENT", urgent)
+        d = displacement([asked], energy, FAR, np.zeros(3 * n))
+        lacking = (asked.change - asked.J @ d) / asked.target
+        worst.append(lacking.max() / lacking.mean())
+    assert np.all(np.diff(worst) < 0.0)
+
+
+def test_fewer_vertices_are_driven_farther():
+    n = np.array([12.0, 50.0, 100.0, 500.0, 1e9])
+    target = targets(n, 0.3)
+    assert np.all(np.diff(target) <= 0.0)
+    assert target[0] == pytest.approx(MOST * 0.3)
+    assert target[2] == pytest.approx(0.3)
+    assert target[-1] > 0.1
+    np.testing.assert_allclose(targets(n, 0.15), 0.5 * target)
+
+
+def test_folds_are_ironed_out_and_what_does_not_fold_is_left_alone():
+    V, F = plane(21)
+    folds = Folds(F, 1.0, [unmoved(V)])
+    calm = 0.01 * np.sin(2 * np.pi * V)
+    np.testing.assert_array_equal(folds.ironed(calm.ravel()), calm.ravel())
+    # One vertex jumps over its neighbours.
+    jump = calm.copy()
+    jump[middle(V)] += [0.11, 0.02, 0.0]
+    assert folds.found(jump).any()
+    ironed = folds.ironed(jump.ravel()).reshape(-1, 3)
+    assert not folds.found(ironed).any()
+    # Far from it nothing moved.
+    far = np.linalg.norm(V - V[middle(V)], axis=1) > 0.3
+    np.testing.assert_array_equal(ironed[far], calm[far])
+
+
+def test_a_fold_in_any_pose_is_ironed():
+    V, F = plane(21)
+    jump = np.zeros_like(V)
+    jump[middle(V), 0] = 0.04
+    # In the second pose the plane is drawn out along y, and moves along x are twice as long.
+    G = np.broadcast_to(np.diag([2.0, 3.0, 1.0]), (len(V), 3, 3))
+    assert not Folds(F, 1.0, [unmoved(V)]).found(jump).any()
+    pose = V * [1.0, 3.0, 1.0], G
+    assert Folds(F, 1.0, [unmoved(V), pose]).found(jump).any()
 
 
 # The displacement on the surface, and the refit.

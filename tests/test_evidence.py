@@ -8,6 +8,7 @@ import pytest
 from meshmark.carrier import Carrier, measure, sighting_of
 from meshmark.evidence import SHORT_LIST, Evidence, Strand, bit_errors, judge, log10_p_of
 from meshmark.keys import Key
+from meshmark.statistics import word_log_e_means
 from meshmark.verdict import decide
 
 KEY = Key(bytes(range(32)))
@@ -134,16 +135,17 @@ def test_evidence_is_kept_in_steps_and_erasures_stay_erasures() -> None:
     np.testing.assert_array_equal(np.sign(strand.steps), np.sign(soft))
 
 
-def test_frames_that_disagree_on_the_reading_speak_each_by_itself() -> None:
+@pytest.mark.parametrize("tracked", [True, False])
+def test_frames_that_disagree_on_the_reading_speak_each_by_itself(tracked) -> None:
     words = KEY.words("tsai2014", 4, 16)
     # Every frame is right under a reading of its own, and noise under the others.
     rng = np.random.default_rng(3)
     soft = np.clip(rng.normal(size=(4, 4, 4, 16)), -1, 1)
     soft[np.arange(4), np.arange(4)] = words
     strand = Strand.of(soft, np.log(np.full(4, 0.25)))
-    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (strand,), tracked=False)
-    tracked = replace(item, tracked=True)
-    assert judge(item, KEY).log10_p < judge(tracked, KEY).log10_p - 3
+    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (strand,), tracked)
+    together = -word_log_e_means(strand.pooled, strand.belief, words) / np.log(10)
+    assert judge(item, KEY).log10_p < together - 3
     assert judge(item, KEY).log10_p < -6 < -2 < judge(item, OTHER).log10_p
 
 
@@ -188,12 +190,14 @@ def test_strands_share_their_belief() -> None:
     assert both == pytest.approx(0.7 * one + 0.3 * two)
 
 
-def test_frames_without_identity_share_belief_with_all_together() -> None:
+@pytest.mark.parametrize("tracked", [True, False])
+def test_frames_share_belief_with_all_together(tracked) -> None:
     words = KEY.words("tsai2014", 4, 16)
     strength = np.array([0.5, 0.7, 0.6])
     value = strength[:, None, None] * words
-    item = of_values(value, 4, np.arange(3.0), tracked=False)
-    together = e_value(replace(item, tracked=True), words[None])[0]
+    item = of_values(value, 4, np.arange(3.0), tracked)
+    (strand,) = item.strands
+    together = np.exp(word_log_e_means(strand.pooled, strand.belief, words))
     alone = [e_value(item.select([t]), words[None])[0] for t in range(3)]
     assert min(alone) > 100
     expected = 0.5 * together + 0.5 * np.mean(alone)

@@ -10,7 +10,7 @@ APEX_DEFAULTS: dict[str, Any] = {
     "bins": 14,
     "width": 0.045,
     "words": 8,
-    "strength": 0.2,
+    "strength": 0.3,
     "max_mrms": 2.2e-4,
     "hold": 8,
 }

@@ -16,12 +16,18 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# Rounds of: which chips still fall short, which vertices moved far, solve.
+# Rounds of: which chips still fall short, what moved or stretched far, solve.
 ROUNDS = 4
 ITERATIONS = 40
 TOLERANCE = 1e-3
-# How steeply the cost of a move rises beyond its reach.
+# How steeply the cost of a move rises beyond its reach, and that of a stretch beyond STRAIN:
+# at a strain of 1, triangles fold.
 STEEPNESS = 4
+STRAIN = 0.5
+# A chip's price rises with the share of its target that it lacks: a wrong bit costs more than
+# several that could be clearer. Prices at nothing lacking, by the square of what lacks, and the
+# share from which on they rise no more.
+CALM, URGENT, WORST = 0.5, 3.0, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +40,15 @@ class Demand:
         Change of each chip, in the sense its word wants, by the displacement.
     change : (k,) float64
         Change each chip needs, from no displacement at all.
+    target : (k,) float64
+        Where that leads it.
     weight : (k,) float64
         Price of a unit of shortfall, squared; 0 for an erasure.
     """
 
     J: csr_matrix
     change: FloatArray
+    target: FloatArray
     weight: FloatArray
 
 
@@ -65,24 +74,38 @@ def displacement(
 
     Notes
     -----
-    A chip beyond its target costs nothing, and long moves cost more than their square: both
-    are dealt with by solving again with new weights. The same chip asks for much the same in
-    every pose; its mean over the poses, a matrix of as many rows as one pose has chips, makes
-    the preconditioner.
+    A chip beyond its target costs nothing, one far from it more than its square, and so do long
+    moves and strong stretches: all are dealt with by solving again with new weights, half way
+    (in their logarithms) from the old ones, which would swing to and fro otherwise. The same
+    chip asks for much the same in every pose; its mean over the poses, a matrix of as many rows
+    as one pose has chips, makes the preconditioner.
     """
     J = csr_matrix(vstack([demand.J for demand in demands], format="csr"))
+    JT = csr_matrix(J.T)
     change = np.concatenate([demand.change for demand in demands])
+    target = np.concatenate([demand.target for demand in demands])
     price = np.concatenate([demand.weight for demand in demands]) / len(demands)
-    d = start
-    for _ in range(ROUNDS):
-        active = np.where(change - J @ d > 0.0, price, 0.0)
-        length = np.linalg.norm(d.reshape(-1, 3), axis=1)
-        cost = energy.weighted(1.0 + (length / reach) ** STEEPNESS)
-        JT = csr_matrix(J.T)
+    d, active = start, price
+    urgency, moving, stretching = np.ones(len(price)), *_dearer(energy, reach, start)
+    for turn in range(ROUNDS):
+        if turn > 0:
+            lacking = np.maximum(change - J @ d, 0.0) / target
+            urgency = np.sqrt(urgency * (CALM + URGENT * np.minimum(lacking, WORST) ** 2))
+            active = np.where(lacking > 0.0, urgency * price, 0.0)
+            far, strong = _dearer(energy, reach, d)
+            moving, stretching = np.sqrt(moving * far), np.sqrt(stretching * strong)
+        cost = energy.weighted(moving, stretching)
         operator = _Operator(cost, J, JT, active)
         inverse = _Preconditioner(cost, demands, active)
         d = solve(operator, JT @ (active * change), d, inverse, ITERATIONS, TOLERANCE)
     return d
+
+
+def _dearer(energy: Energy, reach: float, d: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How much dearer moving each vertex and stretching each triangle is than its square."""
+    length = np.linalg.norm(d.reshape(-1, 3), axis=1)
+    strain = energy.stretching.strains(d)
+    return 1.0 + (length / reach) ** STEEPNESS, 1.0 + (strain / STRAIN) ** STEEPNESS
 
 
 @dataclass(frozen=True, eq=False)

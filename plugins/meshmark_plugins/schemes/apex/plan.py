@@ -16,6 +16,7 @@ from meshmark.surface_distance import surface_distance
 from meshmark_plugins.schemes.apex.consensus import lasting_anchors
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
+from meshmark_plugins.schemes.apex.folds import Folds
 from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
 from meshmark_plugins.schemes.apex.refit import refit
 from meshmark_plugins.schemes.apex.survey import measure_from
@@ -24,12 +25,13 @@ from meshmark_plugins.schemes.apex.tuning import Tuning
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Poses looked at for each key frame.
-POSES = 8
+# Poses looked at for each key frame, in turns of every `TURNS`-th: chips change from one pose to
+# the next by as much as a mark moves them, so that each pose left out is one badly served.
+POSES, TURNS = 20, 2
 # Rounds of measuring and solving at the first key frame, and at those that start from it.
 FIRST_ROUNDS, LATER_ROUNDS = 4, 2
 # Length beyond which moves become dear, in bins.
-REACH = 0.25
+REACH = 0.15
 # Fewer chips than this could not prove anything at one in a million, readings and words paid.
 FEWEST_CHIPS = 40
 # Frames whose distortion is measured, and points of the surface, to keep within the limit.
@@ -153,9 +155,13 @@ def _solve(
     energy = energy_over_poses(carried, cover.V, cover.F, width)
     for near in measure_from(cover.V, cover.F, ask.anchors):
         energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
-    for _ in range(rounds):
-        demands = list(workers.map([(t, d) for t in poses]))
-        d = displacement(demands, energy, REACH * width, d)
+    folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
+    demands: dict[int, Demand] = {}
+    for turn in range(rounds):
+        group = poses[turn % TURNS :: TURNS]
+        demands.update(zip(group, workers.map([(t, d) for t in group]), strict=True))
+        d = displacement(list(demands.values()), energy, REACH * width, d)
+        d = folds.ironed(d)
     return d * np.repeat(_shares(cover, points, d), 3)
 
 

@@ -17,7 +17,13 @@ from meshmark.surface import ClosestPoints
 from meshmark_plugins.schemes.apex.displacement import Demand
 from meshmark_plugins.schemes.apex.gradients import chip_gradients
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import LEAST_COUNT, cells_needed, measure
+from meshmark_plugins.schemes.apex.readings import (
+    HOST,
+    LEAST_COUNT,
+    STRAY,
+    cells_needed,
+    measure,
+)
 from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
@@ -29,6 +35,8 @@ IntArray = NDArray[np.int64]
 PRICE = 0.5
 # Vertices of a bin from which on its chip is worth half of what it can be.
 HALF_WORTH = 100.0
+# A chip of very few vertices is driven no farther than this, in strengths.
+MOST = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +118,10 @@ class AskPose:
         blocks = bsr_matrix((G, np.arange(len(G)), np.arange(len(G) + 1)))
         signs = diags_array(self.words.ravel() * self.cover.root_area)
         J = csr_matrix(signs @ J @ blocks)
-        lacking = np.where(held, self.tuning.strength - right, 0.0).ravel()
+        target = targets(n, self.tuning.strength)
+        lacking = np.where(held, target - right, 0.0).ravel()
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
-        return Demand(J, lacking + J @ d, PRICE * self.tuning.width**2 * worth)
+        return Demand(J, lacking + J @ d, target.ravel(), PRICE * self.tuning.width**2 * worth)
 
     def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
@@ -133,6 +142,18 @@ class AskPose:
         weights = vertex_weights(near, width)
         s, n = measure(profiles_of(near, weights, width, cells_needed(K)), K, 1)
         return s[0], n[0], chip_gradients(near, weights, width, K, n_points)
+
+
+def targets(n: FloatArray, strength: float) -> FloatArray:
+    """How far chips are to be driven, by the number of vertices they are worth.
+
+    In proportion to what chance does to them, which detection softens them by: a chip of
+    thousands of vertices is as clear at half of what one of a hundred needs.
+    """
+    noise = STRAY**2 + HOST / np.maximum(n, 1.0)
+    usual = STRAY**2 + HOST / HALF_WORTH
+    target: FloatArray = strength * np.minimum(np.sqrt(noise / usual), MOST)
+    return target
 
 
 def held_chips(V: FloatArray, F: IntArray, anchors: IntArray, tuning: Tuning) -> int:

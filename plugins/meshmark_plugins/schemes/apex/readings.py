@@ -13,7 +13,7 @@ from meshmark_plugins.schemes.apex.profile import CELLS, Profiles
 FloatArray = NDArray[np.float64]
 
 # Cropping and noise change a surface's area, and with it the unit of distance.
-SCALES: FloatArray = np.round(np.arange(0.80, 1.081, 0.02), 2)
+SCALES: FloatArray = np.round(np.arange(0.74, 1.081, 0.02), 2)
 # Simplification and smoothing move a tip, and with it where distance begins; in bins.
 OFFSETS: FloatArray = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
 # How fast belief falls with the distance of a hypothesis from "nothing changed", and the share

@@ -45,7 +45,7 @@ class Apex:
         bins: int = 14,
         width: float = 0.045,
         words: int = 8,
-        strength: float = 0.2,
+        strength: float = 0.3,
         max_mrms: float = 2.2e-4,
         hold: int = 8,
     ) -> None:

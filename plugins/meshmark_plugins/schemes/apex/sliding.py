@@ -1,0 +1,92 @@
+"""What it costs to slide vertices: little along a surface, much where it bends or ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.geometry import area_vectors, sum_at_corners, unit
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
+FLATNESS = 0.003
+
+
+class Sliding:
+    """The cost of moving each vertex, by direction, in any pose of one triangulation.
+
+    Parameters
+    ----------
+    F : (F, 3) int
+        Triangles.
+    n_points : int
+        N.
+
+    Notes
+    -----
+    With n the normals of the triangles about a vertex, n n^T averaged by area tells by how much
+    a move leaves the planes of its neighbourhood. It is blind to one thing: at the rim of an ear
+    or a fin, whose normals are n and -n, a vertex may slide inwards along both sides at once,
+    and the rim is gone. So the edges count too, by b b^T, where b is the sum of the outward
+    normals that their triangles have within their own planes. On a flat surface the two cancel,
+    and on a bent one b lies along the normal and adds nothing new; at a rim, or on a border, b
+    points outwards. Summed over the edges about a vertex it is the gradient of the area, twice
+    the mean curvature normal [1]_.
+
+    References
+    ----------
+    .. [1] U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates",
+       Experimental Mathematics 2(1), 1993. doi:10.1080/10586458.1993.10504266
+    """
+
+    def __init__(self, F: IntArray, n_points: int) -> None:
+        self._F, self._n_points = F, n_points
+        half = np.sort(np.stack([F, np.roll(F, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        keys, self._edge_at = np.unique(half @ [n_points, 1], return_inverse=True)
+        self._edges = np.stack(np.divmod(keys, n_points), axis=1)
+
+    def cost(self, V: FloatArray) -> FloatArray:
+        """Cost of moving each vertex of V (N, 3), (N, 3, 3): 1 along planes, much more off them."""
+        bend = self.normal_spread(V) + self.rim_spread(V)
+        cost: FloatArray = bend / FLATNESS + np.eye(3)
+        return cost
+
+    def normal_spread(self, V: FloatArray) -> FloatArray:
+        """Mean of n n^T over the triangles about each vertex, by area, (N, 3, 3).
+
+        On a plane it is n n^T; the more the surface bends, the more of it lies in the tangents.
+        """
+        vectors = area_vectors(V, self._F)
+        areas, n = np.linalg.norm(vectors, axis=1), unit(vectors)
+        sums = sum_at_corners(_outer(areas, n), self._F, len(V))
+        return self._mean(sums, areas)
+
+    def rim_spread(self, V: FloatArray) -> FloatArray:
+        """Mean of b b^T over the edges about each vertex, by area, (N, 3, 3).
+
+        0 where the surface is flat; its trace is up to 8 / 3 where it turns back on itself.
+        """
+        F, at = self._F, self._edge_at
+        vectors = area_vectors(V, F)
+        areas, n = np.linalg.norm(vectors, axis=1), unit(vectors)
+        ahead = unit((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
+        outward = np.cross(ahead, np.repeat(n, 3, axis=0))
+        n_edges = len(self._edges)
+        b = sum_at_corners(outward, at[:, None], n_edges)
+        # A third of a triangle's area belongs to each of its edges.
+        share = sum_at_corners(np.repeat(areas / 3.0, 3), at[:, None], n_edges)
+        sums = sum_at_corners(_outer(share, b), self._edges, len(V))
+        return self._mean(sums, areas)
+
+    def _mean(self, sums: FloatArray, areas: FloatArray) -> FloatArray:
+        about = np.maximum(sum_at_corners(areas, self._F, self._n_points), 1e-300)
+        mean: FloatArray = (sums / about[:, None]).reshape(-1, 3, 3)
+        return mean
+
+
+def _outer(weights: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Weighted outer products of vectors (n, 3) with themselves, (n, 9)."""
+    outer: FloatArray = weights[:, None, None] * vectors[:, :, None] * vectors[:, None, :]
+    return outer.reshape(-1, 9)
