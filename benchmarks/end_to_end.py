@@ -18,10 +18,11 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from measuring import PAGES, Run, data_folder, run, table
+from measuring import PAGES, Run, data_folder, repeat, run, table
 
 from meshmark import Key, read
-from meshmark.evidence import Evidence, log10_p_of
+from meshmark.evidence import Evidence
+from meshmark.judging import log10_p_of
 from meshmark.recipe import Recipe
 from meshmark.verification import gather
 
@@ -86,7 +87,7 @@ def _source_row(work: Path, name: str, source: Path, output: str) -> list[object
 
 def _memory_rows(work: Path, source: Path) -> list[list[object]]:
     long = work / "long.usdc"
-    _repeat(source, long, 10)
+    repeat(source, long, 10)
     rows = []
     # Without rehearsal: it doubles the time, and holds nothing from frame to frame.
     plain = ("--scheme", "tsai2014", "--set", "rehearsal=0")
@@ -103,21 +104,6 @@ def _memory_rows(work: Path, source: Path) -> list[list[object]]:
             ]
         )
     return rows
-
-
-def _repeat(source: Path, output: Path, times: int) -> None:
-    from pxr import Usd, UsdGeom
-
-    shutil.copy(source, output)
-    stage = Usd.Stage.Open(str(output))
-    [mesh] = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
-    points = UsdGeom.Mesh(mesh).GetPointsAttr()
-    samples = points.GetTimeSamples()
-    for cycle in range(1, times):
-        for time in samples:
-            points.Set(points.Get(time), time + cycle * len(samples))
-    stage.SetEndTimeCode(times * len(samples))
-    stage.Save()
 
 
 def _honesty(work: Path, source: Path, n_keys: int) -> dict[str, np.ndarray]:

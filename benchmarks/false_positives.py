@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.evidence import Evidence, log10_p_of
+from meshmark.evidence import Evidence
 from meshmark.evidence_file import load_evidence
+from meshmark.judging import log10_p_of
 from meshmark.keys import Key
 from meshmark.parallel import default_jobs, ordered_map
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -51,3 +52,19 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Lay out a Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+
+
+def repeat(source: Path, output: Path, times: int) -> None:
+    """Write a stage of one mesh again, its frames several times over."""
+    from pxr import Usd, UsdGeom
+
+    shutil.copy(source, output)
+    stage = Usd.Stage.Open(str(output))
+    [mesh] = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    points = UsdGeom.Mesh(mesh).GetPointsAttr()
+    samples = points.GetTimeSamples()
+    for cycle in range(1, times):
+        for code in samples:
+            points.Set(points.Get(code), code + cycle * len(samples))
+    stage.SetEndTimeCode(times * len(samples))
+    stage.Save()

@@ -15,7 +15,7 @@ from measuring import PAGES, data_folder, table
 from meshmark import Key, read
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation
-from meshmark.evidence import judge
+from meshmark.judging import judge
 from meshmark.metrics import distortion
 from meshmark.parallel import default_jobs
 from meshmark.recipe import Recipe

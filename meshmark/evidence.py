@@ -1,4 +1,4 @@
-"""Evidence: what a file says, before any key is tried on it; and what a key makes of it."""
+"""Evidence: what a file says, before any key is tried on it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.special import logsumexp
 
 from meshmark.keys import Key
-from meshmark.statistics import log10_p_words, reachable_log10_p, word_log_e_means
+from meshmark.statistics import reachable_log10_p
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# A part whose every other bit is an erasure shows a small bit error rate by luck alone.
-DECIDED_SHARE = 0.5
 # Evidence is kept in steps of 1 / 127, an eighth of the room: whoever is judged by it is judged
 # by the rounded numbers, which are as independent of the key as the others.
 STEPS = 127
@@ -149,183 +145,3 @@ class Evidence:
         strands = tuple(strand.select(frames) for strand in self.strands)
         times = self.times[list(frames)]
         return Evidence(self.prim, self.scheme, self.n_words, times, strands, self.tracked)
-
-
-@dataclass(frozen=True, eq=False)
-class BitErrors:
-    """Bit error rates by the published protocol: the smallest among the parts of each frame.
-
-    Parameters
-    ----------
-    per_frame : (T,) float64
-        NaN for a frame in which no part decides enough bits.
-    best_part : (T,) int
-        The part that has it, the first of equals; -1 where no part decides enough bits.
-    """
-
-    per_frame: FloatArray
-    best_part: IntArray
-
-    @property
-    def average(self) -> float:
-        """Mean over the frames, NaN if none decides."""
-        known = self.per_frame[~np.isnan(self.per_frame)]
-        return float(known.mean()) if known.size else float("nan")
-
-    @property
-    def maximum(self) -> float:
-        """Largest over the frames, NaN if none decides."""
-        known = self.per_frame[~np.isnan(self.per_frame)]
-        return float(known.max()) if known.size else float("nan")
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """What one hypothesis (a key and a recipient) makes of the evidence.
-
-    Parameters
-    ----------
-    recipient : str or None
-        Whose words were tried; None for the owner's own.
-    log10_p : float
-        Bound for all frames together, readings and assignment of words paid for.
-    log10_p_per_frame : (T,) float64
-        The same for each frame alone.
-    errors : BitErrors
-        Bit error rates against the words as best assigned to the carriers.
-    """
-
-    recipient: str | None
-    log10_p: float
-    log10_p_per_frame: FloatArray
-    errors: BitErrors
-
-
-# Recipients whose words are tried on each frame by itself.
-SHORT_LIST = 16
-
-
-def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> Finding:
-    """Try one key and recipient on the evidence."""
-    return judge_best(evidence, key, (recipient,))
-
-
-def judge_best(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> Finding:
-    """Try a key and several recipients on the evidence, and return what fits best.
-
-    The search among them is not paid for here: its price is for the caller to add.
-    """
-    words = np.array([evidence.words(key, recipient) for recipient in recipients])
-    log10_p = log10_p_of(evidence, words)
-    best = int(np.argmin(log10_p))
-    frames = range(len(evidence.times))
-    return Finding(
-        recipient=recipients[best],
-        log10_p=float(log10_p[best]),
-        log10_p_per_frame=np.array(
-            [min(0.0, float(_pooled_log10_p(evidence.select([t]), words[best]))) for t in frames]
-        ),
-        errors=bit_errors(evidence, words[best]),
-    )
-
-
-def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
-    """Bound log10 of the probability that random words fit all frames as well.
-
-    Parameters
-    ----------
-    words : (n, M, K) int
-        Words of n keys or recipients.
-
-    Returns
-    -------
-    (n,) float64
-
-    Notes
-    -----
-    Some frames may be spoilt (poses that a retiming made up), want different readings, or have
-    had their carriers matched wrongly. Half of the belief is therefore in the frames each by
-    itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
-    of those whose words fit all frames together best; for the others it counts as 0.
-    """
-    together = _pooled_log10_p(evidence, words)
-    if evidence.n_words == 1 or len(evidence.times) == 1:
-        return np.minimum(0.0, together)
-    shared = together + np.log10(2.0)
-    listed = np.argsort(together, kind="stable")[:SHORT_LIST]
-    alone = np.array(
-        [_pooled_log10_p(evidence.select([t]), words[listed]) for t in range(len(evidence.times))]
-    )
-    mean = logsumexp(-alone * np.log(10.0), axis=0) - np.log(2.0 * len(alone))
-    shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
-    return np.minimum(0.0, shared)
-
-
-def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
-    """Bound log10 p from the frames' mean evidence; above 0 where even 1 is too low a bound."""
-    first = evidence.strands[0]
-    if words.shape[-2] == 1:
-        return log10_p_words(first.pooled, words, first.belief)
-    # Strands may have found different carriers; their e-values are averaged all the same.
-    log_e = [word_log_e_means(strand.pooled, strand.belief, words) for strand in evidence.strands]
-    pooled: FloatArray = -logsumexp(np.array(log_e), axis=0) / np.log(10.0)
-    return pooled
-
-
-def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
-    """Compare the bits of every part with its word, frame by frame.
-
-    Erasures are neither right nor wrong: they leave the numerator and the denominator. A part
-    that decides less than half of its bits in a frame is left out of that frame.
-
-    Of several readings, the one that fits the words best is taken. Which part holds which word
-    is told by all frames together, where vertices keep their identity. Where they do not, each
-    frame is taken by itself: a part of one frame need not be there in another.
-    """
-    if evidence.tracked or len(words) == 1:
-        strand, reading = _best_reading(evidence, words)
-        return _bit_errors(strand.pooled[reading], strand.steps[:, reading], words)
-    alone = [
-        bit_errors(_as_tracked(evidence.select([t])), words) for t in range(len(evidence.times))
-    ]
-    return BitErrors(
-        per_frame=np.concatenate([errors.per_frame for errors in alone]),
-        best_part=np.concatenate([errors.best_part for errors in alone]),
-    )
-
-
-def _as_tracked(evidence: Evidence) -> Evidence:
-    return Evidence(
-        evidence.prim, evidence.scheme, evidence.n_words, evidence.times, evidence.strands
-    )
-
-
-def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:
-    """Find the strand and reading that agree with the words most."""
-    best: tuple[float, Strand, int] = (-np.inf, evidence.strands[0], 0)
-    for strand in evidence.strands:
-        score = np.einsum("rck,mk->rcm", strand.pooled, words).max(axis=-1).sum(axis=-1)
-        reading = int(np.argmax(score))
-        if score[reading] > best[0]:
-            best = (float(score[reading]), strand, reading)
-    return best[1], best[2]
-
-
-def _bit_errors(S: FloatArray, bits: NDArray[np.int8], words: IntArray) -> BitErrors:
-    """Compare bits (T, C, K) with the words as the evidence S (C, K) gives them to the parts."""
-    C, K = S.shape
-    if len(words) == 1:
-        carriers, of = np.arange(C), np.zeros(C, dtype=np.int64)
-    else:
-        carriers, of = linear_sum_assignment(S @ words.T, maximize=True)
-    bits = bits[:, carriers]
-    wrong = (bits != 0) & (np.sign(bits) != words[of])
-    decided = (bits != 0).sum(axis=2)
-    counts = decided >= DECIDED_SHARE * K
-    rate = np.where(counts, wrong.sum(axis=2) / np.maximum(decided, 1), np.inf)
-    best = rate.min(axis=1, initial=np.inf)
-    found = np.isfinite(best)
-    return BitErrors(
-        per_frame=np.where(found, best, np.nan),
-        best_part=np.where(found, carriers[rate.argmin(axis=1)], -1),
-    )

@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from meshmark.evidence import Evidence, Finding, judge_best
+from meshmark.evidence import Evidence
 from meshmark.json_values import number
+from meshmark.judging import Finding, judge_best
 from meshmark.keys import Key
 
 Answer = Literal["marked", "not marked", "inconclusive"]

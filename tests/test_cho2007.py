@@ -8,7 +8,7 @@ from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, UsageError
-from meshmark.evidence import judge
+from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.metrics import distortion
 from meshmark.plugins import make_attack

@@ -14,7 +14,7 @@ from meshmark.animation import MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
-from meshmark.evidence import judge
+from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.testing.meshes import icosphere
 from meshmark.verification import LOOKS, verify, verify_in_looks

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meshmark.bit_errors import bit_errors
 from meshmark.carrier import Carrier, measure, sighting_of
-from meshmark.evidence import SHORT_LIST, Evidence, Strand, bit_errors, judge, log10_p_of
+from meshmark.evidence import Evidence, Strand
+from meshmark.judging import SHORT_LIST, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.statistics import word_log_e_means
 from meshmark.verdict import decide

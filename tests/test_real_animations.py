@@ -11,7 +11,8 @@ import pytest
 
 from meshmark import Key, mark_file, read, verify
 from meshmark.attacking import attack_asset
-from meshmark.evidence import Evidence, log10_p_of
+from meshmark.evidence import Evidence
+from meshmark.judging import log10_p_of
 from meshmark.parallel import default_jobs
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe

@@ -8,7 +8,7 @@ from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, InputError
-from meshmark.evidence import judge
+from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.recipe import Recipe
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness

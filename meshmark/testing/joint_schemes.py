@@ -25,9 +25,9 @@ from meshmark.carrier import Sighting
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
-from meshmark.evidence import judge
 from meshmark.hookspecs import SchemeRecord
 from meshmark.interfaces import JointScheme
+from meshmark.judging import judge
 from meshmark.metrics.faces import flipped_faces
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, plane

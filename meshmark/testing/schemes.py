@@ -22,8 +22,8 @@ from meshmark.carrier import Carrier, Chips, measure
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation
 from meshmark.errors import CapacityError
-from meshmark.evidence import judge
 from meshmark.hookspecs import Scheme, SchemeRecord
+from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.segmenters import lopsided

@@ -1,0 +1,104 @@
+"""Bit error rates by the published protocol; no verdict rests on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from meshmark.evidence import Evidence, Strand
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# A part whose every other bit is an erasure shows a small bit error rate by luck alone.
+DECIDED_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class BitErrors:
+    """Bit error rates by the published protocol: the smallest among the parts of each frame.
+
+    Parameters
+    ----------
+    per_frame : (T,) float64
+        NaN for a frame in which no part decides enough bits.
+    best_part : (T,) int
+        The part that has it, the first of equals; -1 where no part decides enough bits.
+    """
+
+    per_frame: FloatArray
+    best_part: IntArray
+
+    @property
+    def average(self) -> float:
+        """Mean over the frames, NaN if none decides."""
+        known = self.per_frame[~np.isnan(self.per_frame)]
+        return float(known.mean()) if known.size else float("nan")
+
+    @property
+    def maximum(self) -> float:
+        """Largest over the frames, NaN if none decides."""
+        known = self.per_frame[~np.isnan(self.per_frame)]
+        return float(known.max()) if known.size else float("nan")
+
+
+def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
+    """Compare the bits of every part with its word, frame by frame.
+
+    Erasures are neither right nor wrong: they leave the numerator and the denominator. A part
+    that decides less than half of its bits in a frame is left out of that frame.
+
+    Of several readings, the one that fits the words best is taken. Which part holds which word
+    is told by all frames together, where vertices keep their identity. Where they do not, each
+    frame is taken by itself: a part of one frame need not be there in another.
+    """
+    if evidence.tracked or len(words) == 1:
+        strand, reading = _best_reading(evidence, words)
+        return _bit_errors(strand.pooled[reading], strand.steps[:, reading], words)
+    alone = [
+        bit_errors(_as_tracked(evidence.select([t])), words) for t in range(len(evidence.times))
+    ]
+    return BitErrors(
+        per_frame=np.concatenate([errors.per_frame for errors in alone]),
+        best_part=np.concatenate([errors.best_part for errors in alone]),
+    )
+
+
+def _as_tracked(evidence: Evidence) -> Evidence:
+    return Evidence(
+        evidence.prim, evidence.scheme, evidence.n_words, evidence.times, evidence.strands
+    )
+
+
+def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:
+    """Find the strand and reading that agree with the words most."""
+    best: tuple[float, Strand, int] = (-np.inf, evidence.strands[0], 0)
+    for strand in evidence.strands:
+        score = np.einsum("rck,mk->rcm", strand.pooled, words).max(axis=-1).sum(axis=-1)
+        reading = int(np.argmax(score))
+        if score[reading] > best[0]:
+            best = (float(score[reading]), strand, reading)
+    return best[1], best[2]
+
+
+def _bit_errors(S: FloatArray, bits: NDArray[np.int8], words: IntArray) -> BitErrors:
+    """Compare bits (T, C, K) with the words as the evidence S (C, K) gives them to the parts."""
+    C, K = S.shape
+    if len(words) == 1:
+        carriers, of = np.arange(C), np.zeros(C, dtype=np.int64)
+    else:
+        carriers, of = linear_sum_assignment(S @ words.T, maximize=True)
+    bits = bits[:, carriers]
+    wrong = (bits != 0) & (np.sign(bits) != words[of])
+    decided = (bits != 0).sum(axis=2)
+    counts = decided >= DECIDED_SHARE * K
+    rate = np.where(counts, wrong.sum(axis=2) / np.maximum(decided, 1), np.inf)
+    best = rate.min(axis=1, initial=np.inf)
+    found = np.isfinite(best)
+    return BitErrors(
+        per_frame=np.where(found, best, np.nan),
+        best_part=np.where(found, carriers[rate.argmin(axis=1)], -1),
+    )

@@ -1,0 +1,110 @@
+"""What a key makes of evidence: how sure it is of it, and which bits it gets wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from meshmark.bit_errors import BitErrors, bit_errors
+from meshmark.evidence import Evidence
+from meshmark.keys import Key
+from meshmark.statistics import log10_p_words, word_log_e_means
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Recipients whose words are tried on each frame by itself.
+SHORT_LIST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What one hypothesis (a key and a recipient) makes of the evidence.
+
+    Parameters
+    ----------
+    recipient : str or None
+        Whose words were tried; None for the owner's own.
+    log10_p : float
+        Bound for all frames together, readings and assignment of words paid for.
+    log10_p_per_frame : (T,) float64
+        The same for each frame alone.
+    errors : BitErrors
+        Bit error rates against the words as best assigned to the carriers.
+    """
+
+    recipient: str | None
+    log10_p: float
+    log10_p_per_frame: FloatArray
+    errors: BitErrors
+
+
+def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> Finding:
+    """Try one key and recipient on the evidence."""
+    return judge_best(evidence, key, (recipient,))
+
+
+def judge_best(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> Finding:
+    """Try a key and several recipients on the evidence, and return what fits best.
+
+    The search among them is not paid for here: its price is for the caller to add.
+    """
+    words = np.array([evidence.words(key, recipient) for recipient in recipients])
+    log10_p = log10_p_of(evidence, words)
+    best = int(np.argmin(log10_p))
+    frames = range(len(evidence.times))
+    return Finding(
+        recipient=recipients[best],
+        log10_p=float(log10_p[best]),
+        log10_p_per_frame=np.array(
+            [min(0.0, float(_pooled_log10_p(evidence.select([t]), words[best]))) for t in frames]
+        ),
+        errors=bit_errors(evidence, words[best]),
+    )
+
+
+def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
+    """Bound log10 of the probability that random words fit all frames as well.
+
+    Parameters
+    ----------
+    words : (n, M, K) int
+        Words of n keys or recipients.
+
+    Returns
+    -------
+    (n,) float64
+
+    Notes
+    -----
+    Some frames may be spoilt (poses that a retiming made up), want different readings, or have
+    had their carriers matched wrongly. Half of the belief is therefore in the frames each by
+    itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
+    of those whose words fit all frames together best; for the others it counts as 0.
+    """
+    together = _pooled_log10_p(evidence, words)
+    if evidence.n_words == 1 or len(evidence.times) == 1:
+        return np.minimum(0.0, together)
+    shared = together + np.log10(2.0)
+    listed = np.argsort(together, kind="stable")[:SHORT_LIST]
+    alone = np.array(
+        [_pooled_log10_p(evidence.select([t]), words[listed]) for t in range(len(evidence.times))]
+    )
+    mean = logsumexp(-alone * np.log(10.0), axis=0) - np.log(2.0 * len(alone))
+    shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
+    return np.minimum(0.0, shared)
+
+
+def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
+    """Bound log10 p from the frames' mean evidence; above 0 where even 1 is too low a bound."""
+    first = evidence.strands[0]
+    if words.shape[-2] == 1:
+        return log10_p_words(first.pooled, words, first.belief)
+    # Strands may have found different carriers; their e-values are averaged all the same.
+    log_e = [word_log_e_means(strand.pooled, strand.belief, words) for strand in evidence.strands]
+    pooled: FloatArray = -logsumexp(np.array(log_e), axis=0) / np.log(10.0)
+    return pooled
