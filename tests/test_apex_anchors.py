@@ -182,6 +182,15 @@ def test_over_all_pieces_the_most_prominent_are_kept():
     assert near.persistence.tolist() == [every.max()]
 
 
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_of_equals_no_more_are_kept_than_asked_for(most):
+    one = capsule(24, 60)
+    twin = one[0] + [3.0, 0.0, 0.0], one[1]
+    V, F = side_by_side(one, twin)
+    kept = np.concatenate([near.anchors for near in survey(V, F, LEAST, most)])
+    assert len(kept) == most
+
+
 def test_measuring_from_given_anchors_finds_the_same_distances():
     V, F = two_capsules_and_a_button()
     given = measure_from(V, F, np.array([2443, 1440, 2442]))

@@ -97,12 +97,14 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
             "no part of the mesh sticks out far enough to measure from: "
             "a mark needs tips such as hands, feet, ears or a tail"
         )
-    every = np.sort(np.concatenate([maxima.persistence for *_, maxima in found]))[::-1]
-    enough = every[min(most, len(every)) - 1]
+    persistence = np.concatenate([maxima.persistence for *_, maxima in found])
+    chosen = np.zeros(len(persistence), dtype=bool)
+    chosen[np.argsort(-persistence, kind="stable")[:most]] = True
+    ends = np.cumsum([len(maxima.vertices) for *_, maxima in found])[:-1]
     return [
         _measured(piece, points, radial, maxima.vertices[kept], maxima.persistence[kept])
-        for piece, points, radial, maxima in found
-        if (kept := maxima.persistence >= enough).any()
+        for (piece, points, radial, maxima), kept in zip(found, np.split(chosen, ends), strict=True)
+        if kept.any()
     ]
 
 
