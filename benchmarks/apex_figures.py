@@ -33,6 +33,7 @@ from meshmark.topology import edges
 from meshmark.welding import Welding
 from meshmark_plugins.schemes.apex.anchors import integral_distance
 from meshmark_plugins.schemes.apex.plan import plan_animation, require_capacity
+from meshmark_plugins.schemes.apex.poses import targets
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 from meshmark_plugins.schemes.apex.readings import cells_needed, measure
@@ -64,18 +65,19 @@ class Subject:
     marked: dict[int, FloatArray]
     view: View
 
-    def distances(self, P: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (C, N) from the anchors in root areas, and chips (C, K); NaN elsewhere."""
+    def distances(self, P: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distances (C, N) from the anchors in root areas, chips and their counts (C, K)."""
         tuning = self.scheme.tuning
         H = np.full((len(self.anchors), len(P)), np.inf)
         s = np.full((len(self.anchors), tuning.bins), np.nan)
+        n = s.copy()
         for near in measure_from(P, F, self.anchors):
             rows = [int(np.flatnonzero(self.anchors == a)[0]) for a in near.anchors]
             H[np.ix_(rows, near.piece.vertices)] = near.H
             weights = vertex_weights(near, tuning.width)
             profiles = profiles_of(near, weights, tuning.width, cells_needed(tuning.bins))
-            s[rows] = measure(profiles, tuning.bins, 1)[0][0]
-        return H, s
+            (s[rows],), (n[rows],) = measure(profiles, tuning.bins, 1)
+        return H, s, n
 
 
 def subject_of(source: str | None, azimuth: float) -> Subject:
@@ -155,7 +157,7 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     """Draw the function whose maxima are the anchors, and the bins about them."""
     frame = subject.animation[0]
     P, F = frame.points, frame.faces
-    H, _ = subject.distances(P, F)
+    H, *_ = subject.distances(P, F)
     radial = RadialDistances(P, F)
     f = integral_distance(P, F, radial)
     view, r, tips = framed(subject, P), BALL * radial.root_area, P[subject.anchors]
@@ -200,9 +202,9 @@ def on_picture(points: FloatArray, view: View) -> FloatArray:
 def draw_chips(subject: Subject, path: Path) -> None:
     """Draw every chip before and after marking, and where its word wants it."""
     frame = subject.animation[0]
-    _, before = subject.distances(frame.points, frame.faces)
-    _, after = subject.distances(subject.marked[0], frame.faces)
-    target, C = subject.scheme.tuning.strength, len(subject.anchors)
+    _, before, n = subject.distances(frame.points, frame.faces)
+    _, after, _ = subject.distances(subject.marked[0], frame.faces)
+    target, C = targets(n, subject.scheme.tuning.strength), len(subject.anchors)
     rows = -(-C // 2)
     figure, axes = plt.subplots(
         rows, 2, figsize=(9.4, 1.45 * rows + 0.7), sharex=True, sharey=True, squeeze=False
@@ -213,7 +215,7 @@ def draw_chips(subject: Subject, path: Path) -> None:
             ax.set_visible(False)
             continue
         right = np.sign(after[c]) == subject.words[c]
-        ax.hlines(target * subject.words[c], k - 0.42, k + 0.42, color="0.2", lw=1.2)
+        ax.hlines(target[c] * subject.words[c], k - 0.42, k + 0.42, color="0.2", lw=1.2)
         ax.bar(k - 0.19, before[c], 0.36, color=GREY)
         ax.bar(k + 0.19, after[c], 0.36, color=np.where(right, BLUE, RED))
         ax.axhline(0.0, color="0.3", lw=0.6)
