@@ -1,7 +1,7 @@
 """How long `apex` takes and where the time goes, and whether memory grows with the frames.
 
 Usage: python benchmarks/apex_speed.py
-It runs for a quarter of an hour on two cores, and writes docs/benchmarks/apex-speed.md.
+It runs for some minutes on two cores, and writes docs/benchmarks/apex-speed.md.
 """
 
 from __future__ import annotations
@@ -190,9 +190,8 @@ def _page(
         _stage_table({name: marking for name, (marking, _) in stages.items()}),
         "Looking at one frame, as it stands and with 10, 30 and 50 iterations of smoothing undone:",
         _stage_table({name: looking for name, (_, looking) in stages.items()}),
-        "Distances bound both: two sparse factors for every mesh that is looked at, and a solve "
-        "for each of 16 samples and each anchor. Poses are measured in parallel, one displacement "
-        "after the other is solved for.",
+        "What bounds marking is measuring poses, chips with their gradients and distances, which is "
+        "done in parallel, and solving for one displacement after the other, which is not.",
         "## Memory",
         "Peak of the largest process, horse; verification looks at every frame:",
         table(("frames", "embed, s", "embed, MB", "verify, s", "verify, MB"), memory),
