@@ -32,8 +32,8 @@ class Sliding:
     and the rim is gone. So the edges count too, by b b^T, where b is the sum of the outward
     normals that their triangles have within their own planes. On a flat surface the two cancel,
     and on a bent one b lies along the normal and adds nothing new; at a rim, or on a border, b
-    points outwards. Summed over the edges about a vertex it is the gradient of the area, twice
-    the mean curvature normal [1]_.
+    points outwards. Times their lengths, and summed over the edges about a vertex, it is twice the
+    gradient of the area [1]_.
 
     References
     ----------
