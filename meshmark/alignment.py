@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from scipy.spatial.distance import cdist
 
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
+from meshmark.placement import Placement
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 SoftArray = NDArray[np.float32]
 
 # (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
@@ -63,17 +66,30 @@ def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
     return S @ reference.T
 
 
-def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> tuple[SoftArray, FloatArray]:
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Sightings of several frames, their carriers in one order.
+
+    Parameters
+    ----------
+    soft : (T, R, C, K) float32
+        Evidence; a carrier missing from a frame is all erasures there.
+    log_prior : (R,) float64
+        Log belief in each reading.
+    placements : tuple of Placement, or None
+        Which words carriers may hold, as each frame tells.
+    """
+
+    soft: SoftArray
+    log_prior: FloatArray
+    placements: tuple[Placement, ...] | None
+
+
+def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
     """Put the carriers of every frame into the order of the frame that shows the most.
 
     Carriers are matched one to one, at the least total cost. That needs no key, so a wrong
     match costs evidence but never honesty.
-
-    Returns
-    -------
-    soft : (T, R, C, K) float32
-        A carrier missing from a frame is all erasures there.
-    log_prior : (R,) float64
 
     Raises
     ------
@@ -84,15 +100,28 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> tuple[Sof
     if not seen:
         raise CapacityError("no carrier is found in any frame")
     reference = max(seen, key=lambda sighting: len(sighting.descriptors))
-    soft = np.array([_align(sighting, reference, matcher) for sighting in sightings])
-    return soft, reference.log_prior
+    soft = np.zeros((len(sightings), *reference.soft.shape), dtype=np.float32)
+    R, C, _ = reference.soft.shape
+    places = np.full((len(sightings), R, C), np.nan)
+    doubts = np.ones((len(sightings), C))
+    for t, sighting in enumerate(sightings):
+        if sighting is not None:
+            own, theirs = _matched(sighting, reference, matcher)
+            soft[t][:, theirs] = sighting.soft[:, own]
+            if sighting.placement is not None:
+                places[t][:, theirs] = sighting.placement.place[:, own]
+                doubts[t][theirs] = sighting.placement.doubt[own]
+    if reference.placement is None:
+        return Aligned(soft, reference.log_prior, None)
+    placements = tuple(map(Placement, places, doubts))
+    return Aligned(soft, reference.log_prior, placements)
 
 
-def _align(sighting: Sighting | None, reference: Sighting, matcher: Matcher) -> SoftArray:
-    soft = np.zeros(reference.soft.shape, dtype=np.float32)
-    if sighting is not None:
-        cost = matcher(sighting, reference)
-        own, theirs = linear_sum_assignment(np.minimum(cost, _NEVER))
-        possible = np.isfinite(cost[own, theirs])
-        soft[:, theirs[possible]] = sighting.soft[:, own[possible]]
-    return soft
+def _matched(
+    sighting: Sighting, reference: Sighting, matcher: Matcher
+) -> tuple[IntArray, IntArray]:
+    """Own carriers, and those of the reference that they are."""
+    cost = matcher(sighting, reference)
+    own, theirs = linear_sum_assignment(np.minimum(cost, _NEVER))
+    possible = np.isfinite(cost[own, theirs])
+    return own[possible], theirs[possible]

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from meshmark.evidence import Evidence, Strand
+from meshmark.placement import WINDOW, Placement
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # A part whose every other bit is an erasure shows a small bit error rate by luck alone.
 DECIDED_SHARE = 0.5
+# Stands for "out of the question" in sums that must stay finite.
+_NEVER = -1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,9 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     """
     if evidence.tracked or len(words) == 1:
         strand, reading = _best_reading(evidence, words)
-        return _bit_errors(strand.pooled[reading], strand.steps[:, reading], words)
+        placement = strand.placement and strand.placement.under(reading)
+        fit = _fits(strand.pooled[[reading]], words, placement)[0]
+        return _bit_errors(fit, strand.steps[:, reading], words)
     alone = [
         bit_errors(_as_tracked(evidence.select([t])), words) for t in range(len(evidence.times))
     ]
@@ -77,20 +82,33 @@ def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:
     """Find the strand and reading that agree with the words most."""
     best: tuple[float, Strand, int] = (-np.inf, evidence.strands[0], 0)
     for strand in evidence.strands:
-        score = np.einsum("rck,mk->rcm", strand.pooled, words).max(axis=-1).sum(axis=-1)
+        score = _fits(strand.pooled, words, strand.placement).max(axis=-1).sum(axis=-1)
         reading = int(np.argmax(score))
         if score[reading] > best[0]:
             best = (float(score[reading]), strand, reading)
     return best[1], best[2]
 
 
-def _bit_errors(S: FloatArray, bits: NDArray[np.int8], words: IntArray) -> BitErrors:
-    """Compare bits (T, C, K) with the words as the evidence S (C, K) gives them to the parts."""
-    C, K = S.shape
+def _fits(S: FloatArray, words: IntArray, placement: Placement | None) -> FloatArray:
+    """How well words fit evidence S (R, C, K), (R, C, M); `_NEVER` where they may not be."""
+    fit: FloatArray = S @ words.T.astype(np.float64)
+    if placement is not None:
+        windows = placement.windows(len(words))
+        within = np.arange(len(words)) - windows.first[..., None]
+        fit = np.where((within >= 0) & (within < WINDOW), fit, _NEVER)
+    return fit
+
+
+def _bit_errors(fit: FloatArray, bits: NDArray[np.int8], words: IntArray) -> BitErrors:
+    """Compare bits (T, C, K) with the words that fit (C, M) the parts best."""
+    C, K = bits.shape[1:]
     if len(words) == 1:
         carriers, of = np.arange(C), np.zeros(C, dtype=np.int64)
     else:
-        carriers, of = linear_sum_assignment(S @ words.T, maximize=True)
+        carriers, of = linear_sum_assignment(fit, maximize=True)
+        # Carriers that crowd about a place may be more than the words there.
+        possible = fit[carriers, of] > _NEVER
+        carriers, of = carriers[possible], of[possible]
     bits = bits[:, carriers]
     wrong = (bits != 0) & (np.sign(bits) != words[of])
     decided = (bits != 0).sum(axis=2)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.placement import Placement
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -76,12 +78,15 @@ class Sighting:
         Shapes of the carriers, by which they are told apart between frames.
     vertices : (C,) int or None
         Vertex at which each carrier stands, where it stands at one.
+    placement : Placement or None
+        Which words carriers may hold, where their shapes tell.
     """
 
     soft: NDArray[np.floating[Any]]
     log_prior: FloatArray
     descriptors: FloatArray
     vertices: IntArray | None = None
+    placement: Placement | None = None
 
 
 def sighting_of(carriers: Sequence[Carrier], strength: float) -> Sighting:

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 # Belief that nothing was smoothed; the rest is shared by the restorations a scheme asks for.
-UNTOUCHED = 0.5
+UNTOUCHED = 0.6
 
 Sightings = tuple[Sighting | None, ...]
 
@@ -65,6 +65,14 @@ class Observer:
             return {}
         return {n: scheme.layout(self.welding.frame(unsmooth(frame, n))) for n in self.restorations}
 
+    @cached_property
+    def references(self) -> dict[int, Frame]:
+        """The reference frame as it stands and restored, where all frames share its topology."""
+        if self.welding is None:
+            return {}
+        frame = self.animation[self.reference]
+        return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+
     def __call__(self, index: int) -> Sightings:
         """Measure frame `index` under every restoration; None where nothing is found."""
         frame = self.animation[index]
@@ -79,7 +87,7 @@ class Observer:
         try:
             analysed = (self.welding or Welding.of(frame)).frame(frame)
             if isinstance(scheme, JointScheme):
-                return scheme.sight(analysed)
+                return scheme.sight(analysed, self.references.get(restored))
             layout = scheme.layout(analysed)
             return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
         except CapacityError:
@@ -171,8 +179,14 @@ class Extraction:
         sightings = [self._seen[t, restored] for t in frames]
         if all(sighting is None for sighting in sightings):
             return None
-        soft, log_prior = aligned(sightings, self._matcher(frames))
-        return Strand.of(soft, log_prior, restored, self._log_belief(restored))
+        found = aligned(sightings, self._matcher(frames))
+        return Strand.of(
+            found.soft,
+            found.log_prior,
+            restored,
+            self._log_belief(restored),
+            found.placements,
+        )
 
     def _log_belief(self, restored: int) -> float:
         others = len(self.restorations) - 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.keys import Key
+from meshmark.placement import Placement, together
 from meshmark.statistics import reachable_log10_p
 
 FloatArray = NDArray[np.float64]
@@ -36,12 +37,15 @@ class Strand:
         Log belief in each reading; the exponentials sum to at most 1.
     steps : (T, R, C, K) int8
         Evidence in [-1, 1] in units of 1 / `STEPS`; 0 for an erasure.
+    placements : tuple of T Placement, or None
+        Which words carriers may hold, as each frame tells.
     """
 
     restored: int
     log_belief: float
     log_prior: FloatArray
     steps: NDArray[np.int8]
+    placements: tuple[Placement, ...] | None = None
 
     @classmethod
     def of(
@@ -50,12 +54,13 @@ class Strand:
         log_prior: FloatArray,
         restored: int = 0,
         log_belief: float = 0.0,
+        placements: tuple[Placement, ...] | None = None,
     ) -> Strand:
         """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
         steps = np.rint(STEPS * soft)
         # What says little still says something: only an erasure is 0.
         steps = np.where((soft != 0.0) & (steps == 0.0), np.sign(soft), steps)
-        return cls(restored, log_belief, log_prior, steps.astype(np.int8))
+        return cls(restored, log_belief, log_prior, steps.astype(np.int8), placements)
 
     def frame(self, index: int) -> FloatArray:
         """Evidence of one frame, (R, C, K), in [-1, 1]."""
@@ -70,6 +75,11 @@ class Strand:
         """
         return np.add.reduce(self.steps, axis=0, dtype=np.int64) / (STEPS * len(self.steps))
 
+    @cached_property
+    def placement(self) -> Placement | None:
+        """Which words carriers may hold, as the frames that show them tell together."""
+        return None if self.placements is None else together(self.placements)
+
     @property
     def belief(self) -> FloatArray:
         """Log belief in each reading of this strand, (R,)."""
@@ -77,7 +87,9 @@ class Strand:
 
     def select(self, frames: Sequence[int]) -> Strand:
         """Keep some frames."""
-        return Strand(self.restored, self.log_belief, self.log_prior, self.steps[list(frames)])
+        chosen = list(frames)
+        placements = self.placements and tuple(self.placements[t] for t in chosen)
+        return replace(self, steps=self.steps[chosen], placements=placements)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +146,9 @@ class Evidence:
     def reachable_log10_p(self) -> float:
         """Lowest log10 p that the best of keys could reach on as many chips."""
         plain = self.strands[0]
-        return reachable_log10_p(self.held, self.n_words, float(plain.belief.max()))
+        best = int(np.argmax(plain.belief))
+        placement = plain.placement and plain.placement.under(best)
+        return reachable_log10_p(self.held, self.n_words, float(plain.belief[best]), placement)
 
     def words(self, key: Key, recipient: str | None) -> IntArray:
         """Derive the code words that `key` would have used here, (M, K) int."""

@@ -16,8 +16,9 @@ import numpy as np
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence, Strand
 from meshmark.manifest import write_bytes
+from meshmark.placement import Placement
 
-FORMAT = "meshmark-evidence-1"
+FORMAT = "meshmark-evidence-2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,9 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
         for j, strand in enumerate(item.strands):
             arrays[f"steps{i}.{j}"] = strand.steps
             arrays[f"prior{i}.{j}"] = strand.log_prior
+            if strand.placements is not None:
+                arrays[f"place{i}.{j}"] = np.array([p.place for p in strand.placements])
+                arrays[f"doubt{i}.{j}"] = np.array([p.doubt for p in strand.placements])
             strands.append({"restored": strand.restored, "log_belief": strand.log_belief})
         described.append(
             {
@@ -125,6 +129,7 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
             log_belief=float(strand["log_belief"]),
             log_prior=file[f"prior{i}.{j}"].astype(np.float64),
             steps=_checked_steps(file[f"steps{i}.{j}"]),
+            placements=_placements(file, f"{i}.{j}"),
         )
         for j, strand in enumerate(described["strands"])
     )
@@ -136,6 +141,8 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
         # Belief beyond 1 would make any key look right.
         if np.exp(strand.belief).sum() > 1.0 + 1e-9:
             raise ValueError("belief")
+        for placement in strand.placements or ():
+            _check(placement, strand)
     if not strands:
         raise ValueError("no strand")
     return Evidence(
@@ -146,6 +153,22 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
         strands=strands,
         tracked=bool(described["tracked"]),
     )
+
+
+def _placements(file: Any, suffix: str) -> tuple[Placement, ...] | None:
+    if f"place{suffix}" not in file:
+        return None
+    place, doubt = (file[f"{name}{suffix}"].astype(np.float64) for name in ("place", "doubt"))
+    return tuple(map(Placement, place, doubt))
+
+
+def _check(placement: Placement, strand: Strand) -> None:
+    T, R, C, _ = strand.steps.shape
+    shapes = (len(strand.placements or ()), placement.place.shape, placement.doubt.shape)
+    if shapes != (T, (R, C), (C,)):
+        raise ValueError("shapes")
+    if not np.all((placement.doubt > 0.0) & (placement.doubt <= 1.0)):
+        raise ValueError("doubt")
 
 
 def _checked_steps(steps: Any) -> Any:

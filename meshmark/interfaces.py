@@ -213,8 +213,16 @@ class JointScheme(Protocol):
     n_words: int
     restorations: tuple[int, ...]
 
-    def sight(self, frame: Frame) -> Sighting:
+    def sight(self, frame: Frame, reference: Frame | None = None) -> Sighting:
         """Measure a frame alone: every carrier, under every reading.
+
+        Parameters
+        ----------
+        frame : Frame
+            As analysis sees it.
+        reference : Frame, optional
+            A frame of the same mesh, the same for all that are measured: what depends on the
+            size of the mesh is taken from it, so that readings mean the same in every pose.
 
         Raises
         ------

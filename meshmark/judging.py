@@ -17,6 +17,8 @@ from meshmark.statistics import log10_p_words, word_log_e_means
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Belief that all frames are best judged together; the rest is in the frames each by itself.
+TOGETHER = 0.75
 # Recipients whose words are tried on each frame by itself.
 SHORT_LIST = 16
 
@@ -82,19 +84,19 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
     Notes
     -----
     Some frames may be spoilt (poses that a retiming made up), want different readings, or have
-    had their carriers matched wrongly. Half of the belief is therefore in the frames each by
+    had their carriers matched wrongly. Some of the belief is therefore in the frames each by
     itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
     of those whose words fit all frames together best; for the others it counts as 0.
     """
     together = _pooled_log10_p(evidence, words)
     if evidence.n_words == 1 or len(evidence.times) == 1:
         return np.minimum(0.0, together)
-    shared = together + np.log10(2.0)
+    shared = together - np.log10(TOGETHER)
     listed = np.argsort(together, kind="stable")[:SHORT_LIST]
     alone = np.array(
         [_pooled_log10_p(evidence.select([t]), words[listed]) for t in range(len(evidence.times))]
     )
-    mean = logsumexp(-alone * np.log(10.0), axis=0) - np.log(2.0 * len(alone))
+    mean = logsumexp(-alone * np.log(10.0), axis=0) + np.log((1.0 - TOGETHER) / len(alone))
     shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
     return np.minimum(0.0, shared)
 
@@ -105,6 +107,9 @@ def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
     if words.shape[-2] == 1:
         return log10_p_words(first.pooled, words, first.belief)
     # Strands may have found different carriers; their e-values are averaged all the same.
-    log_e = [word_log_e_means(strand.pooled, strand.belief, words) for strand in evidence.strands]
+    log_e = [
+        word_log_e_means(strand.pooled, strand.belief, words, strand.placement)
+        for strand in evidence.strands
+    ]
     pooled: FloatArray = -logsumexp(np.array(log_e), axis=0) / np.log(10.0)
     return pooled

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from meshmark.assignments import mean_over_assignments
+from meshmark.placement import SHIFT_BELIEF, WINDOW, Placement, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,8 +36,8 @@ TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
 LOST = 0.15
 # Pairs of reading and tilt for which assignments are summed up.
 PROMISING = 8
-# Keys or recipients tried at once: bounds memory.
-AT_ONCE = 32
+# Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
+AT_ONCE = 2_000_000
 
 # Up to here the exact tail is a table of 2^K sums; beyond, the e-value takes over.
 EXACT_CHIPS = 18
@@ -68,7 +69,9 @@ def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
     return result
 
 
-def word_log_e_means(S: FloatArray, log_prior: FloatArray, words: IntArray) -> FloatArray:
+def word_log_e_means(
+    S: FloatArray, log_prior: FloatArray, words: IntArray, placement: Placement | None = None
+) -> FloatArray:
     """Log e-value of words on evidence that can be read in several ways, all paid for.
 
     Parameters
@@ -79,6 +82,8 @@ def word_log_e_means(S: FloatArray, log_prior: FloatArray, words: IntArray) -> F
         Log belief in each reading; the exponentials sum to at most 1.
     words : (..., M, K) int
         A key's words; leading axes are keys or recipients.
+    placement : Placement, optional
+        Which words carriers may hold; any by default, rather those in order.
 
     Returns
     -------
@@ -92,31 +97,61 @@ def word_log_e_means(S: FloatArray, log_prior: FloatArray, words: IntArray) -> F
     makes an e-value smaller, never dishonest.
     """
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
+    windows = None if placement is None else placement.windows(words.shape[-2])
+    at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * words.shape[-2]))
     means = [
-        _mean_of_readings(S, log_prior, flat[start : start + AT_ONCE])
-        for start in range(0, len(flat), AT_ONCE)
+        _mean_of_readings(S, log_prior, flat[start : start + at_once], windows)
+        for start in range(0, len(flat), at_once)
     ]
     return np.concatenate(means).reshape(lead)
 
 
-def _mean_of_readings(S: FloatArray, log_prior: FloatArray, words: IntArray) -> FloatArray:
-    R, C, _ = S.shape
-    M = words.shape[-2]
+def _mean_of_readings(
+    S: FloatArray, log_prior: FloatArray, words: IntArray, windows: Windows | None
+) -> FloatArray:
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
+    if windows is not None:
+        score = windows.words_of(score)
     null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1)
     log_e = TILTS[:, None, None] * score[:, :, None] - null.transpose(1, 0, 2)[..., None]
     # At most 2^K, so that hundreds of chips fit into a float.
-    e = (LOST + (1.0 - LOST) * np.exp(log_e)).reshape(len(words), R * len(TILTS), C, M)
-    belief = np.repeat(log_prior, len(TILTS)) - np.log(len(TILTS))
+    e = LOST + (1.0 - LOST) * np.exp(log_e)
+    belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
+    return _mean_of_ordered(e, belief) if windows is None else _mean_of_placed(e, belief, windows)
+
+
+def _mean_of_ordered(e: FloatArray, belief: FloatArray) -> FloatArray:
+    """Average e-values (n, R, T, C, M) over assignments, readings and tilts, (n,)."""
     promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
-    chosen = np.argsort(-promise, axis=-1, kind="stable")[:, :PROMISING]
-    picked = np.log(np.take_along_axis(e, chosen[..., None, None], axis=1))
-    mean: FloatArray = logsumexp(mean_over_assignments(picked) + belief[chosen], axis=-1)
+    reading, tilt = _most_promising(promise)
+    log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], reading, tilt]))
+    mean: FloatArray = logsumexp(log_means + belief[reading, tilt], axis=-1)
     return mean
 
 
+def _mean_of_placed(e: FloatArray, belief: FloatArray, windows: Windows) -> FloatArray:
+    """Average e-values (n, R, T, C, W) of windows over assignments and all else, (n,)."""
+    belief = np.log(SHIFT_BELIEF)[:, None, None] + belief
+    shift, reading, tilt = _most_promising(windows.promise(e) + belief)
+    picked = e[np.arange(len(e))[:, None], reading, tilt]
+    log_means = windows.log_mean(picked.reshape(-1, *e.shape[3:]), shift.ravel(), reading.ravel())
+    log_means = log_means.reshape(shift.shape) + belief[shift, reading, tilt]
+    mean: FloatArray = logsumexp(log_means, axis=-1)
+    return mean
+
+
+def _most_promising(promise: FloatArray) -> tuple[IntArray, ...]:
+    """Find where most is promised in (n, ...): (n, `PROMISING`) indices along each axis."""
+    flat = promise.reshape(len(promise), -1)
+    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :PROMISING]
+    return np.unravel_index(chosen, promise.shape[1:])
+
+
 def log10_p_words(
-    S: FloatArray, words: IntArray, log_prior: FloatArray | None = None
+    S: FloatArray,
+    words: IntArray,
+    log_prior: FloatArray | None = None,
+    placement: Placement | None = None,
 ) -> FloatArray:
     """Bound log10 of the probability that random words do as well, every search paid for.
 
@@ -128,6 +163,8 @@ def log10_p_words(
         The key's words; M = 1 means that all carriers share one word.
     log_prior : (R,) float64, optional
         Log belief in each reading; evenly shared by default.
+    placement : Placement, optional
+        Which words carriers may hold.
 
     Returns
     -------
@@ -137,7 +174,7 @@ def log10_p_words(
     S = S[None] if S.ndim == 2 else S
     prior = np.full(len(S), -np.log(len(S))) if log_prior is None else log_prior
     if words.shape[-2] > 1:
-        return _markov(word_log_e_means(S, prior, words))
+        return _markov(word_log_e_means(S, prior, words, placement))
     if len(S) == 1:
         return _log10_p_shared(S[0].sum(axis=0), words[..., 0, :])
     # One word for all carriers: each reading's sum over them stands for a carrier.
@@ -200,7 +237,12 @@ def hoeffding_log10_p(S: FloatArray, word: IntArray) -> FloatArray:
     return -(score**2) / (2.0 * energy) / np.log(10.0)
 
 
-def reachable_log10_p(held: NDArray[np.bool_], n_words: int, log_prior: float = 0.0) -> float:
+def reachable_log10_p(
+    held: NDArray[np.bool_],
+    n_words: int,
+    log_prior: float = 0.0,
+    placement: Placement | None = None,
+) -> float:
     """Lowest log10 p that chips which are not erasures could give the best of keys.
 
     Parameters
@@ -211,9 +253,21 @@ def reachable_log10_p(held: NDArray[np.bool_], n_words: int, log_prior: float = 
         Number of words; 1 if shared.
     log_prior : float
         Log belief in the reading that shows them so.
+    placement : Placement, optional
+        Which words carriers may hold under that one reading.
     """
     if n_words == 1:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
+    if placement is not None:
+        # The best of keys gives every carrier the word nearest to its place.
+        windows = placement.windows(n_words)
+        right = np.outer(TILTS - log_cosh(TILTS), held.sum(axis=1))
+        e = np.full((len(TILTS), len(held), WINDOW), LOST)
+        best = windows.belief[0, 0].argmax(axis=-1)
+        e[:, np.arange(len(held)), best] += (1.0 - LOST) * np.exp(right)
+        nothing = np.zeros(len(TILTS), dtype=np.int64)
+        log_mean = _log_mean(windows.log_mean(e, nothing, nothing), axis=0)
+        return float(_markov(log_mean + np.log(SHIFT_BELIEF[0]) + log_prior))
     # The best of keys gives the first carriers their words in order, and none fits another's.
     C = min(len(held), n_words)
     right = np.outer(TILTS - log_cosh(TILTS), held[:C].sum(axis=1))

@@ -7,10 +7,10 @@ from typing import Any
 from meshmark.hookspecs import SchemeRecord, hookimpl
 
 APEX_DEFAULTS: dict[str, Any] = {
-    "bins": 14,
-    "width": 0.045,
+    "bins": 16,
+    "width": 0.04,
     "words": 8,
-    "strength": 0.3,
+    "strength": 0.36,
     "max_mrms": 2.2e-4,
     "hold": 8,
 }

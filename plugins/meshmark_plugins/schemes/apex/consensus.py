@@ -13,7 +13,7 @@ from meshmark.geometry import face_areas
 from meshmark.parallel import ordered_map
 from meshmark.smoothing import polygon_umbrella, smooth
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
-from meshmark_plugins.schemes.apex.survey import measure_from, survey
+from meshmark_plugins.schemes.apex.survey import survey
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -69,7 +69,7 @@ def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
     Returns
     -------
     (C,) int
-        Vertices, in the order in which they are given words.
+        Vertices, the most persistent first.
 
     Raises
     ------
@@ -98,15 +98,7 @@ def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
         )
     kept = vertices[lasting & clear]
     order = np.argsort(-persistence[lasting & clear], kind="stable")
-    return by_bulk(V, F, _survivors(first.topology, V, F, kept[order], near)[:most])
-
-
-def by_bulk(V: FloatArray, F: IntArray, anchors: IntArray) -> IntArray:
-    """Put anchors (C,) into the order in which they are given words: detection finds it again."""
-    nears = measure_from(V, F, anchors)
-    listed = np.concatenate([near.anchors for near in nears])
-    bulk = np.concatenate([near.bulk for near in nears])
-    return listed[np.argsort(bulk, kind="stable")]
+    return _survivors(first.topology, V, F, kept[order], near)[:most]
 
 
 def _clusters(

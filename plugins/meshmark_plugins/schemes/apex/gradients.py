@@ -44,7 +44,7 @@ def chip_gradients(
     weights : (n,) float64
         Whitening weights of its vertices.
     width : float
-        Width of a bin, in root areas.
+        Width of a bin, in units of distance.
     n_bins : int
         K.
     n_points : int
@@ -79,7 +79,7 @@ def _rows(
     k, u = k[inside], (x - k)[inside]
     share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]
     # d/du of the phase -sin(2 pi u), over the bin's width in units of the mesh.
-    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * near.root_area)
+    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * near.unit)
     values = (share * slope)[:, None] * direction[inside]
     columns = 3 * near.piece.vertices[inside][:, None] + np.arange(3)
     return csr_matrix(

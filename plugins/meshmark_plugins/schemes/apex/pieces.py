@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.geometry import face_areas
-from meshmark.topology import face_components
+from meshmark.topology import boundary_edges, face_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -47,6 +47,26 @@ def split(V: FloatArray, F: IntArray) -> list[Piece]:
     first = np.array([int(np.argmax(label == component)) for component in large])
     ordered = large[np.lexsort((first, -areas[large]))]
     return [_piece(F[label == component]) for component in ordered]
+
+
+def reference_lengths(V: FloatArray, pieces: list[Piece]) -> list[float]:
+    """Tell in which length each piece of a mesh is measured.
+
+    The largest piece, and all that have a border, are measured in the square root of their area
+    together: they may have been one before a cut. Others are closed, and measured in their own.
+    """
+    areas = [float(face_areas(V[piece.vertices], piece.faces).sum()) for piece in pieces]
+    joined = [i == 0 or boundary_edges(piece.faces).size > 0 for i, piece in enumerate(pieces)]
+    shared = sum(area for area, is_joined in zip(areas, joined, strict=True) if is_joined)
+    return [
+        float(np.sqrt(shared if is_joined else area))
+        for area, is_joined in zip(areas, joined, strict=True)
+    ]
+
+
+def shared_length(V: FloatArray, F: IntArray) -> float:
+    """Length in which the largest piece of a mesh is measured."""
+    return reference_lengths(V, split(V, F))[0]
 
 
 def _piece(F: IntArray) -> Piece:

@@ -17,6 +17,7 @@ from meshmark_plugins.schemes.apex.consensus import lasting_anchors
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds
+from meshmark_plugins.schemes.apex.layout import Layout, lay_out
 from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
 from meshmark_plugins.schemes.apex.refit import refit
 from meshmark_plugins.schemes.apex.survey import measure_from
@@ -80,8 +81,8 @@ class SurfacePlan:
         return blended
 
 
-def require_capacity(animation: MeshAnimation, tuning: Tuning, jobs: int) -> IntArray:
-    """Find the anchors to be marked, (C,) int.
+def require_capacity(animation: MeshAnimation, tuning: Tuning, jobs: int) -> Layout:
+    """Find the anchors to be marked, and how.
 
     Raises
     ------
@@ -89,15 +90,16 @@ def require_capacity(animation: MeshAnimation, tuning: Tuning, jobs: int) -> Int
         If they cannot hold a mark, with the reason and what to do.
     """
     anchors = lasting_anchors(animation, tuning.words, jobs)
+    layout = lay_out(animation, anchors, tuning)
     first = animation[0]
-    held = held_chips(first.points, first.faces, anchors, tuning)
+    held = held_chips(first.points, first.faces, layout, tuning)
     if held < FEWEST_CHIPS:
         raise CapacityError(
             f"{len(first.points)} points give {held} chips, and a proof at one in a million takes "
             f"{FEWEST_CHIPS}: the mesh is too coarse, or too little of it sticks out; subdivide "
             "it, or choose another scheme"
         )
-    return anchors
+    return layout
 
 
 def plan_animation(
@@ -110,10 +112,10 @@ def plan_animation(
     CapacityError
         If it cannot hold one, with the reason and what to do.
     """
-    anchors = require_capacity(animation, tuning, jobs)
+    layout = require_capacity(animation, tuning, jobs)
     first = animation[0]
     cover = Cover(first.points, first.faces)
-    ask = AskPose(animation, cover, anchors, words[: len(anchors)], tuning)
+    ask = AskPose(animation, cover, layout, words[layout.words], tuning)
     keys = key_frames(len(animation), tuning.hold)
     solved: list[FloatArray] = []
     with Workers(ask, min(jobs, POSES, len(animation))) as workers:
@@ -122,7 +124,7 @@ def plan_animation(
             start = solved[-1] if solved else np.zeros(first.points.size)
             rounds = LATER_ROUNDS if solved else FIRST_ROUNDS
             solved.append(_solve(animation, ask, workers, poses, start, rounds))
-    plan = SurfacePlan(cover, keys, np.array(solved), len(anchors))
+    plan = SurfacePlan(cover, keys, np.array(solved), len(layout.anchors))
     return within_limit(plan, animation, tuning.max_mrms)
 
 
@@ -153,12 +155,13 @@ def _solve(
     points = [animation[t].points for t in poses]
     carried = [(P, cover.deformation.gradients(P)) for P in points]
     energy = energy_over_poses(carried, cover.V, cover.F, width)
-    for near in measure_from(cover.V, cover.F, ask.anchors):
+    for near in measure_from(cover.V, cover.F, ask.layout.anchors):
         energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
     folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
     demands: dict[int, Demand] = {}
+    turns = min(TURNS, len(poses))
     for turn in range(rounds):
-        group = poses[turn % TURNS :: TURNS]
+        group = poses[turn % turns :: turns]
         demands.update(zip(group, workers.map([(t, d) for t in group]), strict=True))
         d = displacement(list(demands.values()), energy, REACH * width, d)
         d = folds.ironed(d)

@@ -16,6 +16,7 @@ from meshmark.restraint import allowed_shares
 from meshmark.surface import ClosestPoints
 from meshmark_plugins.schemes.apex.displacement import Demand
 from meshmark_plugins.schemes.apex.gradients import chip_gradients
+from meshmark_plugins.schemes.apex.layout import Layout
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import (
     HOST,
@@ -24,7 +25,7 @@ from meshmark_plugins.schemes.apex.readings import (
     cells_needed,
     measure,
 )
-from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.survey import Neighbourhood
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -92,8 +93,8 @@ class AskPose:
         Frames as analysis sees them, of one topology.
     cover : Cover
         Carries displacements to them.
-    anchors : (C,) int
-        Vertices.
+    layout : Layout
+        The anchors and their units.
     words : (C, K) int
         Word of each anchor.
     tuning : Tuning
@@ -102,7 +103,7 @@ class AskPose:
 
     animation: MeshAnimation
     cover: Cover
-    anchors: IntArray
+    layout: Layout
     words: IntArray
     tuning: Tuning
 
@@ -126,9 +127,12 @@ class AskPose:
     def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
         K, width = self.tuning.bins, self.tuning.width
-        nears = measure_from(X, F, self.anchors)
-        found = [self._one_piece(near, K, width, len(X)) for near in nears]
-        order = np.argsort(_places(self.anchors, nears), kind="stable")
+        measured = self.layout.measured(X, F)
+        found = [
+            self._one_piece(near, float(self.layout.units[rows[0]]), K, width, len(X))
+            for rows, near in measured
+        ]
+        order = np.argsort(np.concatenate([rows for rows, _ in measured]), kind="stable")
         s, n = (np.concatenate([item[k] for item in found])[order] for k in (0, 1))
         rows = (order[:, None] * K + np.arange(K)).ravel()
         blocks = [item[2] for item in found]
@@ -137,11 +141,10 @@ class AskPose:
 
     @staticmethod
     def _one_piece(
-        near: Neighbourhood, K: int, width: float, n_points: int
+        near: Neighbourhood, unit: float, K: int, width: float, n_points: int
     ) -> tuple[FloatArray, FloatArray, csr_matrix]:
-        weights = vertex_weights(near, width)
-        s, n = measure(profiles_of(near, weights, width, cells_needed(K)), K, 1)
-        return s[0], n[0], chip_gradients(near, weights, width, K, n_points)
+        s, n, weights = chips_about(near, unit, K, width)
+        return s, n, chip_gradients(near.in_units(unit), weights, width, K, n_points)
 
 
 def targets(n: FloatArray, strength: float) -> FloatArray:
@@ -156,18 +159,35 @@ def targets(n: FloatArray, strength: float) -> FloatArray:
     return target
 
 
-def held_chips(V: FloatArray, F: IntArray, anchors: IntArray, tuning: Tuning) -> int:
+def chips_about(
+    near: Neighbourhood, unit: float, n_bins: int, width: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measure the chips about the anchors of a piece as they are marked.
+
+    Parameters
+    ----------
+    near : Neighbourhood
+        In root areas.
+    unit : float
+        The unit of its marks, in root areas.
+
+    Returns
+    -------
+    s, n : (C, K) float64
+        Chips, and how many vertices each is worth.
+    weights : (n,) float64
+        Weights of the piece's vertices.
+    """
+    weights = vertex_weights(near, width)
+    profiles = profiles_of(near.in_units(unit), weights, width, cells_needed(n_bins, width))
+    s, n = measure(profiles, n_bins, np.ones(1), np.zeros(1))
+    return s[0], n[0], weights
+
+
+def held_chips(V: FloatArray, F: IntArray, layout: Layout, tuning: Tuning) -> int:
     """Count the chips of a mesh that have enough vertices to say something."""
     held = 0
-    for near in measure_from(V, F, anchors):
-        weights = vertex_weights(near, tuning.width)
-        profiles = profiles_of(near, weights, tuning.width, cells_needed(tuning.bins))
-        _, n = measure(profiles, tuning.bins, 1)
+    for rows, near in layout.measured(V, F):
+        _, n, _ = chips_about(near, float(layout.units[rows[0]]), tuning.bins, tuning.width)
         held += int(np.count_nonzero(n >= LEAST_COUNT))
     return held
-
-
-def _places(anchors: IntArray, nears: list[Neighbourhood]) -> IntArray:
-    """Place in `anchors` of every anchor, piece after piece."""
-    listed = np.concatenate([near.anchors for near in nears])
-    return np.array([int(np.flatnonzero(anchors == vertex)[0]) for vertex in listed])

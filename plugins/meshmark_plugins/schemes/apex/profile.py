@@ -30,17 +30,23 @@ class Profiles:
     weight, square : (C, B) float64
         Sum over the vertices in each cell of their weight, and of its square.
     area : (C, B) float64
-        Area of the surface in each cell.
+        Area of the surface in each cell, in squares of the unit of distance.
     """
 
     weight: FloatArray
     square: FloatArray
     area: FloatArray
 
+    def area_within(self, radii: FloatArray) -> FloatArray:
+        """Area nearer to each anchor than some radii (G,), given in bins, (G, C)."""
+        total = np.cumsum(np.pad(self.area, ((0, 0), (1, 0))), axis=1)
+        ends = np.arange(total.shape[1]) / CELLS
+        return np.array([np.interp(radii, ends, row) for row in total]).T
+
 
 def vertex_weights(near: Neighbourhood, width: float) -> FloatArray:
     """Whitening weights of a piece's vertices, (n,), on the scale of half a bin."""
-    return whitening(near.V, near.piece.faces, near.root_area, width / 2.0)
+    return whitening(near.V, near.piece.faces, near.unit, width / 2.0)
 
 
 def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells: int) -> Profiles:
@@ -53,12 +59,13 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
     weights : (n,) float64
         Weight of each vertex.
     width : float
-        Width of a bin, in root areas.
+        Width of a bin, in the unit of distance.
     n_cells : int
         B; what lies farther away is left out.
     """
     F = near.piece.faces
-    quarter = np.repeat(face_areas(near.V, F) / len(SPREAD), len(SPREAD))
+    areas = face_areas(near.V, F) / near.unit**2
+    quarter = np.repeat(areas / len(SPREAD), len(SPREAD))
     rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for H in near.H:
         own = (H * (CELLS / width)).astype(np.int64)

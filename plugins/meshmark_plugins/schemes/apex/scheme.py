@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.interfaces import GeodesicSolver, Segmenter
+from meshmark.placement import Placement
+from meshmark_plugins.schemes.apex.anchors import distance_to_border
 from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN
+from meshmark_plugins.schemes.apex.pieces import shared_length
+from meshmark_plugins.schemes.apex.places import N_WORDS, bulk, place_of
 from meshmark_plugins.schemes.apex.plan import SurfacePlan, plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.profile import joined, profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import cells_needed, hypotheses, measure, soften
-from meshmark_plugins.schemes.apex.survey import survey
+from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.readings import OFFSETS, Guesses, cells_needed, measure, soften
+from meshmark_plugins.schemes.apex.survey import Neighbourhood, survey
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +26,11 @@ IntArray = NDArray[np.int64]
 
 # Anchors beyond the words' number that detection still looks at: some will be false.
 SPARE = 2
+# Belief that an anchor is a false one: where it stands out as little as those that are not
+# marked, where it does as those that are, and on a border, which a cut may have made. How near to
+# a border that is, in root areas.
+FLAT, HIGH = (0.08, 0.12), (0.6, 0.15)
+FALSE_ON_BORDER, ON_BORDER = 0.7, 0.05
 
 
 class Apex:
@@ -42,10 +51,10 @@ class Apex:
         *,
         segmenter: Segmenter | None = None,
         solver: Callable[[FloatArray, IntArray], GeodesicSolver] | None = None,
-        bins: int = 14,
-        width: float = 0.045,
+        bins: int = 16,
+        width: float = 0.04,
         words: int = 8,
-        strength: float = 0.3,
+        strength: float = 0.36,
         max_mrms: float = 2.2e-4,
         hold: int = 8,
     ) -> None:
@@ -58,29 +67,35 @@ class Apex:
 
     @property
     def n_words(self) -> int:
-        """Code words, each for an anchor of its own."""
-        return self.tuning.words
+        """Code words, listed by the bulk of the anchors they are for."""
+        return N_WORDS
 
-    def sight(self, frame: Frame) -> Sighting:
+    def sight(self, frame: Frame, reference: Frame | None = None) -> Sighting:
         """Find the anchors of a frame, and read the chips about them."""
         K, width = self.tuning.bins, self.tuning.width
         nears = survey(frame.points, frame.faces, LEAST_SEEN, self.tuning.words + SPARE)
-        profiles = joined(
-            [
-                profiles_of(near, vertex_weights(near, width), width, cells_needed(K))
-                for near in nears
-            ]
-        )
-        bulk = np.concatenate([near.bulk for near in nears])
-        remoteness = np.concatenate([near.remoteness for near in nears])
-        # Words were given out in this order.
-        order = np.argsort(bulk, kind="stable")
-        s, n = measure(profiles, K)
+        own = shared_length(frame.points, frame.faces)
+        whole = own if reference is None else shared_length(reference.points, reference.faces)
+        guesses = Guesses.about(whole)
+        soft, places, doubts = [], [], []
+        for near in nears:
+            profiles = profiles_of(near, vertex_weights(near, width), width, cells_needed(K, width))
+            scales = guesses.scales(near.unit * (whole / own))
+            soft.append(soften(*measure(profiles, K, scales, OFFSETS)))
+            place = place_of(bulk(profiles, width, scales))
+            places.append(np.repeat(place, len(OFFSETS), axis=0))
+            doubts.append(doubts_about(near))
         return Sighting(
-            soft=soften(s, n)[:, order],
-            log_prior=hypotheses().log_prior,
-            descriptors=np.column_stack([bulk, remoteness])[order],
-            vertices=np.concatenate([near.anchors for near in nears])[order],
+            soft=np.concatenate(soft, axis=1),
+            log_prior=guesses.log_prior,
+            descriptors=np.column_stack(
+                [
+                    np.concatenate([near.bulk for near in nears]),
+                    np.concatenate([near.remoteness for near in nears]),
+                ]
+            ),
+            vertices=np.concatenate([near.anchors for near in nears]),
+            placement=Placement(np.concatenate(places, axis=1), np.concatenate(doubts)),
         )
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:
@@ -90,3 +105,11 @@ class Apex:
     def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
         return plan_animation(animation, words, self.tuning, jobs)
+
+
+def doubts_about(near: Neighbourhood) -> FloatArray:
+    """Belief that the anchors of a piece hold no word, (C,), in root areas."""
+    own = np.searchsorted(near.piece.vertices, near.anchors)
+    gap = distance_to_border(near.V, near.piece.faces, own)
+    doubt = np.interp(near.persistence, FLAT, HIGH)
+    return np.where(gap <= ON_BORDER * near.unit, np.maximum(doubt, FALSE_ON_BORDER), doubt)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meshmark.errors import CapacityError
 from meshmark.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors import find_anchors
-from meshmark_plugins.schemes.apex.pieces import Piece, split
+from meshmark_plugins.schemes.apex.pieces import Piece, reference_lengths, split
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 
 FloatArray = NDArray[np.float64]
@@ -30,19 +30,19 @@ class Neighbourhood:
         Which vertices and triangles.
     V : (n, 3) float64
         Positions of the piece's vertices.
-    root_area : float
-        Square root of the piece's area.
+    unit : float
+        Length in which distances are given; see `reference_lengths`.
     anchors : (m,) int
         Vertices of the mesh (not of the piece).
     persistence : (m,) float64
         How far each stands out, in root areas; 0 where it was given, not found.
     H : (m, n) float64
-        Distance of the piece's vertices from each anchor, in root areas.
+        Distance of the piece's vertices from each anchor, in units.
     """
 
     piece: Piece
     V: FloatArray
-    root_area: float
+    unit: float
     anchors: IntArray
     persistence: FloatArray
     H: FloatArray
@@ -54,6 +54,10 @@ class Neighbourhood:
         It tells a nose from a hoof from a tail, and hardly changes as the body moves.
         """
         return self._shares((self.H < VICINITY).astype(np.float64))
+
+    def in_units(self, factor: float) -> Neighbourhood:
+        """Give the same distances in units that are so many times as long."""
+        return replace(self, unit=self.unit * factor, H=self.H / factor)
 
     @property
     def remoteness(self) -> FloatArray:
@@ -86,12 +90,13 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
         If there is no anchor.
     """
     found = []
-    for piece in split(V, F):
+    pieces = split(V, F)
+    for piece, unit in zip(pieces, reference_lengths(V, pieces), strict=True):
         points = V[piece.vertices]
         radial = RadialDistances(points, piece.faces)
         maxima = find_anchors(points, piece.faces, radial, least, most)
         if maxima.vertices.size:
-            found.append((piece, points, radial, maxima))
+            found.append((piece, unit, points, radial, maxima))
     if not found:
         raise CapacityError(
             "no part of the mesh sticks out far enough to measure from: "
@@ -102,8 +107,10 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
     chosen[np.argsort(-persistence, kind="stable")[:most]] = True
     ends = np.cumsum([len(maxima.vertices) for *_, maxima in found])[:-1]
     return [
-        _measured(piece, points, radial, maxima.vertices[kept], maxima.persistence[kept])
-        for (piece, points, radial, maxima), kept in zip(found, np.split(chosen, ends), strict=True)
+        _measured(piece, unit, points, radial, maxima.vertices[kept], maxima.persistence[kept])
+        for (piece, unit, points, radial, maxima), kept in zip(
+            found, np.split(chosen, ends), strict=True
+        )
         if kept.any()
     ]
 
@@ -117,14 +124,15 @@ def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbou
         If one of them lies in no piece.
     """
     found, left = [], len(anchors)
-    for piece in split(V, F):
+    pieces = split(V, F)
+    for piece, unit in zip(pieces, reference_lengths(V, pieces), strict=True):
         place = np.full(len(V), -1)
         place[piece.vertices] = np.arange(len(piece.vertices))
         own = place[anchors][place[anchors] >= 0]
         if own.size:
             points = V[piece.vertices]
             radial = RadialDistances(points, piece.faces)
-            found.append(_measured(piece, points, radial, own, np.zeros(len(own))))
+            found.append(_measured(piece, unit, points, radial, own, np.zeros(len(own))))
             left -= len(own)
     if left:
         raise CapacityError("an anchor lies in a piece that is too small in some frame")
@@ -133,6 +141,7 @@ def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbou
 
 def _measured(
     piece: Piece,
+    unit: float,
     points: FloatArray,
     radial: RadialDistances,
     anchors: IntArray,
@@ -141,8 +150,8 @@ def _measured(
     return Neighbourhood(
         piece=piece,
         V=points,
-        root_area=radial.root_area,
+        unit=unit,
         anchors=piece.vertices[anchors],
         persistence=persistence,
-        H=radial.from_vertices(anchors),
+        H=radial.from_vertices(anchors) * (radial.root_area / unit),
     )

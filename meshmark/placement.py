@@ -1,0 +1,184 @@
+"""Which carrier holds which of many words, where a carrier's shape tells roughly which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Words about a carrier's place that it may hold; a power of two of them is summed over.
+WINDOW = 8
+# Belief in a word falls by exp(-d / NEARNESS), d words from the place, but for a share of it that
+# is even over the window.
+ANY = 0.1
+# What roughens or smooths a copy changes the shape of all of its carriers alike: words by which
+# all places may be off, and the belief in that.
+SHIFTS: FloatArray = np.array([0.0, 0.0, -1.0, 1.0, -2.0, 2.0])
+SHIFT_BELIEF: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
+NEARNESS: FloatArray = np.array([0.5, 1.5, 0.5, 0.5, 0.7, 0.7])
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where carriers stand in the list of words, as far as their shape tells.
+
+    Parameters
+    ----------
+    place : (R, C) float64
+        Place of each carrier's word in the list, under each reading; between two words where
+        either may be meant. NaN where unknown: such a carrier says nothing.
+    doubt : (C,) float64
+        Belief that a carrier holds no word at all, in (0, 1).
+    """
+
+    place: FloatArray
+    doubt: FloatArray
+
+    def under(self, reading: int) -> Placement:
+        """Keep one reading."""
+        return Placement(self.place[[reading]], self.doubt)
+
+    def windows(self, n_words: int) -> Windows:
+        """Spread the belief of every carrier over the words about its place.
+
+        Parameters
+        ----------
+        n_words : int
+            M, at least `WINDOW`.
+        """
+        known = np.isfinite(self.place)
+        place = np.where(known, self.place, 0.0)
+        first = np.floor(place).astype(np.int64) - (WINDOW // 2 - 1)
+        first = np.clip(first, 0, n_words - WINDOW)
+        off = first[..., None] + np.arange(WINDOW) - place[..., None]
+        shifts, nearness = SHIFTS[:, None, None, None], NEARNESS[:, None, None, None]
+        near = np.exp(-np.abs(off - shifts) / nearness)
+        near = (1.0 - ANY) * near / near.sum(axis=-1, keepdims=True) + ANY / WINDOW
+        doubt = np.where(known, self.doubt, 1.0)
+        return Windows(first, (1.0 - doubt)[..., None] * near, doubt)
+
+
+def together(placements: Sequence[Placement]) -> Placement:
+    """Say of the same carriers in several frames, those that show them, what most frames say."""
+    place = np.array([placement.place for placement in placements])
+    doubt = np.array([placement.doubt for placement in placements])
+    shown = np.isfinite(place).all(axis=1)
+    counts = shown.sum(axis=0)
+    middle = np.full(place.shape[1:], np.nan)
+    middle[:, counts > 0] = np.nanmedian(place[:, :, counts > 0], axis=0)
+    shared = np.where(shown, doubt, 0.0).sum(axis=0) / np.maximum(counts, 1)
+    return Placement(middle, np.where(counts > 0, shared, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """The words that carriers may hold, and the belief in each.
+
+    Parameters
+    ----------
+    first : (R, C) int
+        First word of each carrier's window.
+    belief : (Q, R, C, W) float64
+        Belief in each word of the window, for each of `SHIFTS`.
+    doubt : (R, C) float64
+        Belief in none. With the others it sums to 1.
+    """
+
+    first: IntArray
+    belief: FloatArray
+    doubt: FloatArray
+
+    @cached_property
+    def log_ways(self) -> FloatArray:
+        """Log of the sum of beliefs over all ways in which no word is held twice, (Q, R)."""
+        return np.log([_sums(self.first, belief, self.doubt) for belief in self.belief])
+
+    def words_of(self, values: FloatArray) -> FloatArray:
+        """Take from values (..., C, M) those of each carrier's window, (..., C, W)."""
+        index = self.first[..., None] + np.arange(WINDOW)
+        index = np.broadcast_to(index, (*values.shape[:-1], WINDOW))
+        return np.take_along_axis(values, index, axis=-1)
+
+    def promise(self, e: FloatArray) -> FloatArray:
+        """Guess `log_mean` of e-values (..., R, T, C, W), (..., Q, R, T).
+
+        Words that two carriers hold are not ruled out.
+        """
+        each = np.einsum("...rtcw,qrcw->...qrtc", e, self.belief, optimize=True)
+        promise: FloatArray = np.log(each + self.doubt[:, None]).sum(axis=-1)
+        return promise
+
+    def log_mean(self, e: FloatArray, shift: IntArray, reading: IntArray) -> FloatArray:
+        """Average prod e[c, word of c] over the ways to give carriers words, no word twice.
+
+        Parameters
+        ----------
+        e : (N, C, W) float64
+            E-value of each word of a carrier's window.
+        shift, reading : (N,) int
+            The shift and the reading that each row is of.
+
+        Returns
+        -------
+        (N,) float64
+            Log of the mean. Distinct words are independent, so that the product for one way is
+            an e-value; a carrier without a word contributes 1; and means of e-values are
+            e-values.
+        """
+        scale = np.maximum(e.max(axis=-1), 1.0)
+        x = self.belief[shift, reading] * (e / scale[..., None])
+        summed = _sums(self.first[reading], x, self.doubt[reading] / scale)
+        mean: FloatArray = np.log(summed) + np.log(scale).sum(axis=-1)
+        return mean - self.log_ways[shift, reading]
+
+
+def _sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
+    """Sum prod x[c, word of c] over all ways in which no word is held twice, (N,).
+
+    Carriers are taken in the order of their windows, so that words before the present window
+    can never be wanted again: which words of the window are used is all there is to remember.
+
+    Parameters
+    ----------
+    first : (N, C) int
+        First word of each carrier's window.
+    x : (N, C, W) float64
+        Factor of each word of the window.
+    idle : (N, C) float64
+        Factor of a carrier without a word.
+    """
+    order = np.argsort(first, axis=-1, kind="stable")
+    first = np.take_along_axis(first, order, axis=-1)
+    x = np.take_along_axis(x, order[..., None], axis=-2)
+    idle = np.take_along_axis(idle, order, axis=-1)
+    steps = np.minimum(np.diff(first, axis=-1, prepend=first[:, :1]), WINDOW)
+    table = np.zeros((len(x), 1 << WINDOW))
+    table[:, 0] = 1.0
+    for c in range(x.shape[1]):
+        table = _advanced(table, steps[:, c])
+        grown = table * idle[:, c, None]
+        for w in range(WINDOW):
+            # Sets of used words by the words above w, whether w is among them, those below.
+            halves = (len(x), 1 << (WINDOW - w - 1), 2, 1 << w)
+            added = table.reshape(halves)[:, :, 0] * x[:, c, w, None, None]
+            grown.reshape(halves)[:, :, 1] += added
+        table = grown
+    total: FloatArray = table.sum(axis=1)
+    return total
+
+
+def _advanced(table: FloatArray, steps: IntArray) -> FloatArray:
+    """Forget the first words of the window, as many as each row's step."""
+    result = table.copy()
+    for step in np.unique(steps[steps > 0]).tolist():
+        rows = np.flatnonzero(steps == step)
+        kept = 1 << (WINDOW - step)
+        result[rows, :kept] = table[rows].reshape(len(rows), kept, 1 << step).sum(axis=2)
+        result[rows, kept:] = 0.0
+    return result

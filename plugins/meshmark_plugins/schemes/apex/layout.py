@@ -1,0 +1,86 @@
+"""How the anchors of an animation are marked: in which units, with which words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.animation import MeshAnimation
+from meshmark_plugins.schemes.apex.pieces import shared_length
+from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
+from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.readings import cells_needed
+from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.tuning import Tuning
+from meshmark_plugins.schemes.apex.units import phase_of, units
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Frames whose bulks decide, by their median.
+FRAMES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What marking and its measurements share.
+
+    Parameters
+    ----------
+    anchors : (C,) int
+        Vertices.
+    units : (C,) float64
+        Unit of length about each anchor, in root areas of its piece, in every pose.
+    words : (C,) int
+        Word of each anchor, a row of the key's.
+    """
+
+    anchors: IntArray
+    units: FloatArray
+    words: IntArray
+
+    def measured(self, V: FloatArray, F: IntArray) -> list[tuple[IntArray, Neighbourhood]]:
+        """Measure from the anchors in root areas, piece by piece; with which of them each has."""
+        nears = measure_from(V, F, self.anchors)
+        return [(_rows(self.anchors, near.anchors), near) for near in nears]
+
+
+def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning) -> Layout:
+    """Choose the unit and the word of each anchor (C,).
+
+    Raises
+    ------
+    CapacityError
+        If distances cannot be measured.
+    """
+    first = animation[0]
+    nears = measure_from(first.points, first.faces, anchors)
+    phase = np.array([phase_of(shared_length(first.points, first.faces))])
+    unit = np.empty(len(anchors))
+    for near in nears:
+        unit[_rows(anchors, near.anchors)] = units(near.unit, phase)
+    chosen = np.linspace(0, len(animation) - 1, min(FRAMES, len(animation))).round()
+    places = [_places(animation, int(t), anchors, unit, tuning) for t in np.unique(chosen)]
+    return Layout(anchors, unit, choose_words(np.median(places, axis=0)))
+
+
+def _places(
+    animation: MeshAnimation, index: int, anchors: IntArray, unit: FloatArray, tuning: Tuning
+) -> FloatArray:
+    frame = animation[index]
+    places = np.empty(len(anchors))
+    for near in measure_from(frame.points, frame.faces, anchors):
+        rows = _rows(anchors, near.anchors)
+        weights = vertex_weights(near, tuning.width)
+        n_cells = cells_needed(tuning.bins, tuning.width)
+        profiles = profiles_of(near, weights, tuning.width, n_cells)
+        of_units = bulk(profiles, tuning.width, 1.0 / unit[rows[:1]])
+        places[rows] = place_of(of_units)[0]
+    return places
+
+
+def _rows(anchors: IntArray, some: IntArray) -> IntArray:
+    """Place in `anchors` of some of them."""
+    return np.array([int(np.flatnonzero(anchors == vertex)[0]) for vertex in some])
