@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from meshmark.alignment import aligned, by_looks, by_place, in_order
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
+from meshmark.placement import Placement
 
 RNG = np.random.default_rng(0)
 SOFT = RNG.uniform(-1, 1, size=(2, 3, 8))
@@ -19,18 +22,19 @@ def sighting(carriers, *, shapes=SHAPES, vertices=None) -> Sighting:
 
 
 def test_a_common_layout_keeps_the_order() -> None:
-    soft, prior = aligned([sighting([0, 1, 2]), sighting([0, 1, 2])], in_order)
-    np.testing.assert_allclose(soft, np.stack([SOFT, SOFT]), atol=1e-6)
-    np.testing.assert_allclose(np.exp(prior), [0.5, 0.5])
+    found = aligned([sighting([0, 1, 2]), sighting([0, 1, 2])], in_order)
+    np.testing.assert_allclose(found.soft, np.stack([SOFT, SOFT]), atol=1e-6)
+    np.testing.assert_allclose(np.exp(found.log_prior), [0.5, 0.5])
+    assert found.placements is None
 
 
 def test_left_is_told_from_right_by_what_it_says() -> None:
-    soft, _ = aligned([sighting([0, 1, 2]), sighting([2, 1, 0])], by_looks)
+    soft = aligned([sighting([0, 1, 2]), sighting([2, 1, 0])], by_looks).soft
     np.testing.assert_allclose(soft[1], SOFT, atol=1e-6)
 
 
 def test_a_missing_carrier_is_an_erasure() -> None:
-    soft, _ = aligned([sighting([0, 1, 2]), None, sighting([2])], by_looks)
+    soft = aligned([sighting([0, 1, 2]), None, sighting([2])], by_looks).soft
     assert not soft[1].any()
     assert soft[2].any(axis=(0, 2)).tolist() == [False, False, True]
 
@@ -41,10 +45,23 @@ def test_places_match_near_vertices_and_no_others() -> None:
     whole = sighting([0, 1, 2], vertices=[0, 2, 3])
     moved = sighting([1, 0], vertices=[2, 1])
     astray = sighting([1], vertices=[4])
-    soft, _ = aligned([whole, moved, astray], match)
+    soft = aligned([whole, moved, astray], match).soft
     np.testing.assert_allclose(soft[1][:, :2], SOFT[:, :2], atol=1e-6)
     assert not soft[1][:, 2].any()
     assert not soft[2].any()
+
+
+def test_places_of_words_go_with_their_carriers() -> None:
+    place = np.array([[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]])
+    whole = replace(sighting([0, 1, 2]), placement=Placement(place, np.array([0.1, 0.2, 0.3])))
+    some = replace(sighting([2, 1]), placement=Placement(place[:, [2, 1]], np.array([0.5, 0.6])))
+    found = aligned([whole, None, some], by_looks).placements
+    assert found is not None
+    np.testing.assert_array_equal(found[0].place, place)
+    assert np.isnan(found[1].place).all()
+    np.testing.assert_array_equal(found[2].place[:, 1:], place[:, 1:])
+    assert np.isnan(found[2].place[:, 0]).all()
+    assert found[2].doubt.tolist() == [1.0, 0.6, 0.5]
 
 
 def test_nothing_seen_at_all_is_no_evidence() -> None:

@@ -171,7 +171,7 @@ def test_every_piece_has_its_own_tips_and_unit_and_buttons_have_none():
     nears = survey(V, F, LEAST, 12)
     assert [sorted(near.anchors.tolist()) for near in nears] == [[1440, 1441], [2442, 2443]]
     for near, (V, F) in zip(nears, [capsule(24, 60), capsule(20, 50, 0.2, 2.0)], strict=True):
-        assert near.root_area == pytest.approx(np.sqrt(face_areas(V, F).sum()))
+        assert near.unit == pytest.approx(np.sqrt(face_areas(V, F).sum()))
         assert near.H.shape == (2, len(V))
 
 

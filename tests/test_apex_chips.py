@@ -17,18 +17,21 @@ from meshmark_plugins.schemes.apex.readings import (
     HOST,
     LEAST_COUNT,
     OFFSETS,
-    SCALES,
     STRAY,
+    Guesses,
     cells_needed,
-    hypotheses,
     measure,
     phase,
     soften,
 )
 from meshmark_plugins.schemes.apex.survey import measure_from
+from meshmark_plugins.schemes.apex.units import phase_of, units
 
 K, WIDTH = 14, 0.045
-B = cells_needed(K)
+B = cells_needed(K, WIDTH)
+# Nothing was changed: one scale, one offset.
+PLAIN = np.ones(1), np.zeros(1)
+SCALES = np.array([1.0, 0.62, 0.8, 0.98, 1.2])
 # Where the first bin begins: the width of one about the anchor stays unused.
 FIRST = CELLS
 
@@ -50,7 +53,7 @@ def test_phase_vanishes_at_both_ends_and_has_no_mean():
 @pytest.mark.parametrize("k", [0, 5, K - 1])
 def test_vertices_at_one_place_of_a_bin_give_its_phase_there(k):
     for cell in range(CELLS):
-        s, n = measure(profile_at(FIRST + k * CELLS + cell, weight=5.0, square=2.5), K, 1)
+        s, n = measure(profile_at(FIRST + k * CELLS + cell, weight=5.0, square=2.5), K, *PLAIN)
         wanted = np.zeros(K)
         wanted[k] = -np.sin(2.0 * np.pi * (cell + 0.5) / CELLS)
         np.testing.assert_allclose(s[0, 0], wanted, atol=1e-12)
@@ -60,15 +63,15 @@ def test_vertices_at_one_place_of_a_bin_give_its_phase_there(k):
 
 def test_the_phase_of_the_surface_is_taken_off():
     profiles = profile_at(FIRST + 3 * CELLS + 7)
-    even = measure(Profiles(profiles.weight, profiles.square, np.ones((1, B))), K, 1)[0]
-    np.testing.assert_allclose(even, measure(profiles, K, 1)[0], atol=1e-12)
+    even = measure(Profiles(profiles.weight, profiles.square, np.ones((1, B))), K, *PLAIN)[0]
+    np.testing.assert_allclose(even, measure(profiles, K, *PLAIN)[0], atol=1e-12)
     same = Profiles(profiles.weight, profiles.square, 4.0 * profiles.weight)
-    np.testing.assert_allclose(measure(same, K, 1)[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(measure(same, K, *PLAIN)[0], 0.0, atol=1e-12)
 
 
 def test_the_anchor_s_own_bin_and_what_lies_beyond_the_last_count_for_nothing():
     outside = np.concatenate([np.arange(FIRST), np.arange(FIRST + K * CELLS, B)])
-    s, n = measure(profile_at(outside), K, 1)
+    s, n = measure(profile_at(outside), K, *PLAIN)
     assert not s.any()
     assert not n.any()
 
@@ -77,7 +80,7 @@ def read(x, w):
     """Chips of vertices of weights w at distances x, in bins."""
     cells = (x * CELLS).astype(int)
     weight, square = (np.bincount(cells, v, B)[None, :B] for v in (w, w**2))
-    return measure(Profiles(weight, square, np.zeros((1, B))), K)[0][:, 0]
+    return measure(Profiles(weight, square, np.zeros((1, B))), K, SCALES, OFFSETS)[0][:, 0]
 
 
 @settings(max_examples=20, deadline=None)
@@ -87,40 +90,46 @@ def test_a_profile_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(se
     x = np.linspace(0.5, K + 1.5, 20_000)
     lean = rng.choice([-0.5, 0.5], K + 2)[x.astype(int)]
     w = 1.0 - lean * np.sin(2.0 * np.pi * x)
-    grid = hypotheses()
+    scale, offset = SCALES[r // len(OFFSETS)], OFFSETS[r % len(OFFSETS)]
     true = read(x, w)[0]
     np.testing.assert_allclose(np.abs(true), 0.25, atol=0.001)
-    stretched = read((x - grid.offset[r]) / grid.scale[r], w)
+    stretched = read((x - offset) / scale, w)
     np.testing.assert_allclose(stretched[r], true, atol=0.01)
-    if grid.scale[r] < 0.95:
+    if scale < 0.95:
         assert np.abs(stretched[0] - true).max() > 0.1
 
 
 def test_every_hypothesis_sees_every_bin_in_full():
-    grid = hypotheses()
-    _, n = measure(profile_at(np.arange(B)), K)
-    assert n.shape == (len(SCALES) * len(OFFSETS), 1, K)
+    scales = Guesses.about(2.0).scales(2.0)
+    _, n = measure(profile_at(np.arange(B)), K, scales, OFFSETS)
+    assert n.shape == (len(scales) * len(OFFSETS), 1, K)
     # A bin of scale r is 1 / r bins long.
-    assert np.abs(n[:, 0] - (CELLS / grid.scale)[:, None]).max() <= 1.0
+    assert np.abs(n[:, 0] - (CELLS / np.repeat(scales, len(OFFSETS)))[:, None]).max() <= 1.0
 
 
-def test_the_first_readings_are_the_first_of_all():
-    profiles = profile_at(np.arange(0, B, 3))
-    every, few = measure(profiles, K), measure(profiles, K, 4)
-    np.testing.assert_array_equal(few[0], every[0][:4])
-    np.testing.assert_array_equal(few[1], every[1][:4])
+def test_many_hypotheses_are_measured_as_one_by_one():
+    profiles = profile_at(np.arange(0, B, 3), area=0.2)
+    every = measure(profiles, K, SCALES, OFFSETS)
+    for r, (scale, offset) in enumerate((a, b) for a in SCALES for b in OFFSETS):
+        alone = measure(profiles, K, np.array([scale]), np.array([offset]))
+        np.testing.assert_allclose(every[0][r], alone[0][0], atol=1e-12)
+        np.testing.assert_allclose(every[1][r], alone[1][0], atol=1e-12)
 
 
-def test_belief_is_shared_out_among_all_hypotheses_and_most_is_in_no_change():
-    grid = hypotheses()
-    assert (grid.scale[0], grid.offset[0]) == (1.0, 0.0)
-    assert np.exp(grid.log_prior).sum() == pytest.approx(1.0, abs=1e-12)
-    assert np.argmax(grid.log_prior) == 0
-    pairs = set(zip(grid.scale.tolist(), grid.offset.tolist(), strict=True))
-    assert pairs == {(a, b) for a in SCALES.tolist() for b in OFFSETS.tolist()}
-    # Cropping a third of a mesh away is not ruled out.
-    crop = np.argmin(np.abs(grid.scale - np.sqrt(2 / 3)) + np.abs(grid.offset))
-    assert grid.log_prior[crop] > np.log(1e-3)
+@pytest.mark.parametrize("root_area", [0.013, 1.0, 2.27, 640.0])
+def test_belief_is_shared_out_and_a_crop_keeps_the_unit_in_question(root_area):
+    guesses = Guesses.about(root_area)
+    assert np.exp(guesses.log_prior).sum() == pytest.approx(1.0, abs=1e-12)
+    assert len(guesses.log_prior) == len(guesses.phase) * len(OFFSETS)
+    # The unit of a whole mesh, and what a third of it, or two, cut away makes of it.
+    phase = np.array([phase_of(root_area)])
+    unit = units(root_area, phase)[0] * root_area
+    for left in (1.0, 2 / 3, 0.4):
+        rest = root_area * np.sqrt(left)
+        guesses = Guesses.about(rest)
+        right = np.abs(guesses.scales(rest) - rest / unit) < 1e-9
+        assert right.any()
+        assert np.exp(guesses.log_belief[right]).max() > 0.005
 
 
 def test_evidence_by_hand():
@@ -179,7 +188,7 @@ def rings(near, rng, longest):
     """Slide the vertices of each bin up or down the distance from the first anchor, in bins."""
     x = near.H[0] / WIDTH
     push = rng.uniform(-1.0, 1.0, 1 + int(x.max()))[x.astype(int)] * np.sin(np.pi * x) ** 2
-    return longest * WIDTH * near.root_area * push[:, None] * distance_directions(near)[0]
+    return longest * WIDTH * near.unit * push[:, None] * distance_directions(near)[0]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -194,7 +203,7 @@ def test_chips_follow_moves_as_their_gradients_foretell(horned, seed):
     np.testing.assert_allclose(change, foretold, atol=0.05 * np.abs(foretold).max())
     # As detection measures them, whitened anew, they follow nearly as well, but less far.
     before, now = (
-        measure(profiles_of(n, vertex_weights(n, WIDTH), WIDTH, cells_needed(K)), K, 1)[0][0, 0]
+        measure(profiles_of(n, vertex_weights(n, WIDTH), WIDTH, B), K, *PLAIN)[0][0, 0]
         for n in (near, moved)
     )
     assert np.corrcoef(foretold, now - before)[0, 1] > 0.98
@@ -205,7 +214,7 @@ def test_chips_follow_moves_as_their_gradients_foretell(horned, seed):
 def test_chips_follow_random_waves_of_moves(horned, seed):
     V, F, near, weights, J = horned
     rng = np.random.default_rng(seed)
-    length = WIDTH * near.root_area
+    length = WIDTH * near.unit
     waves = 2.0 * np.pi / length * unit(rng.normal(size=(12, 3)))
     d = np.cos(V @ waves.T + rng.uniform(0, 2 * np.pi, 12)) @ rng.normal(size=(12, 3))
     n = vertex_normals(V, F)

@@ -17,23 +17,26 @@ from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
 from meshmark_plugins.schemes.apex.consensus import lasting_anchors
+from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.plan import (
     POSES,
     SurfacePlan,
     key_frames,
     poses_about,
+    require_capacity,
     within_limit,
 )
 from meshmark_plugins.schemes.apex.poses import Cover
+from meshmark_plugins.schemes.apex.readings import OFFSETS, Guesses
 from meshmark_plugins.schemes.apex.scheme import Apex
+from meshmark_plugins.schemes.apex.units import phase_of, units
 
 HORNS = np.array(
     [[1, 0.2, 0.1], [-0.3, 1, 0.2], [-0.6, -0.7, 0.5], [0.2, -0.5, -1], [-0.5, 0.3, -0.9]]
 )
 WIDTHS = np.array([0.34, 0.26, 0.32, 0.24, 0.3])
-THIN_TO_THICK = np.argsort(WIDTHS).tolist()
 AT_REST = np.full((1, 5), 1.5)
-WORDS = np.array(Key(bytes(range(32))).words("apex", 8, 14))
+WORDS = np.array(Key(bytes(range(32))).words("apex", Apex().n_words, Apex().n_chips))
 
 
 def horned(heights) -> MeshAnimation:
@@ -53,9 +56,9 @@ def lasting_horns(heights, most=8):
 # Anchors that last.
 
 
-def test_an_animation_has_the_anchors_of_its_rest_pose_the_thinnest_first():
+def test_an_animation_has_the_anchors_of_its_rest_pose():
     swaying = 1.5 + 0.2 * np.sin(0.5 * np.arange(12)[:, None] + np.arange(5))
-    assert lasting_horns(AT_REST) == lasting_horns(swaying) == THIN_TO_THICK
+    assert sorted(lasting_horns(AT_REST)) == sorted(lasting_horns(swaying)) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(("frames_missed", "kept"), [(1, [0, 1, 2, 3, 4]), (2, [0, 1, 3, 4])])
@@ -65,8 +68,8 @@ def test_a_horn_that_is_missing_in_more_than_a_tenth_of_the_frames_is_dropped(fr
     assert sorted(lasting_horns(heights)) == kept
 
 
-def test_of_too_many_anchors_the_most_prominent_are_kept_in_the_same_order():
-    assert lasting_horns(np.array([[1.2, 1.8, 1.2, 1.8, 1.8]]), most=3) == [3, 1, 4]
+def test_of_too_many_anchors_the_most_prominent_are_kept():
+    assert sorted(lasting_horns(np.array([[1.2, 1.8, 1.2, 1.8, 1.8]]), most=3)) == [1, 3, 4]
 
 
 # Key frames.
@@ -117,16 +120,28 @@ def test_frames_between_keys_blend_theirs():
 # Marks.
 
 
+def reading_as_marked(frame):
+    """Place among the readings of a frame of the one it was marked in."""
+    length = shared_length(frame.points, frame.faces)
+    guesses = Guesses.about(length)
+    unit = units(length, np.array([phase_of(length)]))
+    kept = (guesses.factor == 1.0) & (np.abs(guesses.scales(length) * unit - 1.0) < 1e-9)
+    return int(np.flatnonzero(kept)[0]) * len(OFFSETS)
+
+
 def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
-    frame = horned(AT_REST)[0]
-    plan = Apex().plan(horned(AT_REST), WORDS)
+    animation = horned(AT_REST)
+    frame, scheme = animation[0], Apex()
+    layout = require_capacity(animation, scheme.tuning, 1)
+    plan = scheme.plan(animation, WORDS)
+    words, reading = WORDS[layout.words], reading_as_marked(frame)
     before, after = (
-        Apex().sight(frame.moved(P)).soft[0] @ WORDS.T for P in (frame.points, plan.mark(0, frame))
+        scheme.sight(frame.moved(P)).soft[reading] @ words.T
+        for P in (frame.points, plan.mark(0, frame))
     )
-    # Of 14 at the very best.
-    assert np.diag(after)[:5].min() > 7.0
-    assert np.argmax(after, axis=1).tolist() == [0, 1, 2, 3, 4]
-    assert np.abs(before).max() < 5.0
+    # Of 16 at the very best.
+    assert np.diag(after).min() > 8.0
+    assert np.abs(before).max() < 6.0
 
 
 @pytest.fixture(scope="module")
@@ -234,17 +249,19 @@ def test_a_parameter_out_of_range_is_named(name, values):
 # Frozen: if these numbers change, marks that are out there cannot be read any more.
 
 EVIDENCE_IN_PER_CENT = """
-  18  -19   66   75    4   21   16  -32   -4   33   23  -72   28  -12
-  26  -12   39    0  -27  -31   39   21   29  -11   12   33  -21   -3
-  38   52  -64    1   39   21  -11    4   25   19   -3    7   24    5
-  25   25  -51  -41   43   28   13   39   45   39   24    6   63   -4
-  12   22   62   14   66  -14    6   -5   46   33   39   68   -5  -63
-   6  -36   -3  -23  -21   15  -13   28   -3   24    5  -22  -29    1
+  31  -38  -11   32   -3   42   29    2  -41  -12  -26   -8   45   -8   60   18
+ -41    4  -32   27   38  -17  -15    0  -11  -13  -51    3  -30   34    7  -10
+ -15  -40  -11   68   35   42    3   15   27  -26   -1  -45  -16  -12    1   13
+  22  -29   -9  -39    1    0   14   -8  -33  -20    7    6   18  -72   19   -2
+  15  -29  -13  -38  -15   47   -7   13   10   10  -43   24   12   64   33   44
+ -13    0  -25   45   -2  -19    0   29   14  -44   14  -10   40  -28    7    3
 """
+PLACES = [53.78, 53.46, 53.77, 53.44, 55.46, 63.09]
 
 
 def test_anchors_and_evidence_of_the_creature(creature):
-    seen = Apex().sight(creature[0])
-    assert seen.vertices.tolist() == [2694, 3180, 85, 327, 0, 6935]
-    wanted = np.array(EVIDENCE_IN_PER_CENT.split(), dtype=float).reshape(6, 14)
-    np.testing.assert_allclose(100.0 * seen.soft[0], wanted, atol=0.6)
+    seen, reading = Apex().sight(creature[0]), reading_as_marked(creature[0])
+    assert seen.vertices.tolist() == [327, 3180, 85, 2694, 0, 6935]
+    wanted = np.array(EVIDENCE_IN_PER_CENT.split(), dtype=float).reshape(6, 16)
+    np.testing.assert_allclose(100.0 * seen.soft[reading], wanted, atol=0.6)
+    np.testing.assert_allclose(seen.placement.place[reading], PLACES, atol=0.02)

@@ -17,7 +17,7 @@ from meshmark_plugins.schemes.apex.readings import cells_needed, measure
 from meshmark_plugins.schemes.apex.survey import measure_from
 
 K, WIDTH = 14, 0.045
-B = cells_needed(K)
+B = cells_needed(K, WIDTH)
 # Radius of a sphere of area 1.
 UNIT = 1.0 / np.sqrt(4.0 * np.pi)
 
@@ -152,15 +152,18 @@ def test_area_within_a_distance_is_that_of_a_cap(ball):
     near, weights = ball
     area = profiles_of(near, weights, WIDTH, B).area.cumsum(axis=1)
     reach = (np.arange(B) + 1) / CELLS * WIDTH / UNIT
-    cap = 2.0 * np.pi * (1.0 - np.cos(np.minimum(reach, np.pi)))
-    np.testing.assert_allclose(area, [cap, cap], atol=0.005 * 4.0 * np.pi)
+    cap = 0.5 * (1.0 - np.cos(np.minimum(reach, np.pi)))
+    np.testing.assert_allclose(area, [cap, cap], atol=0.005)
+    within = profiles_of(near, weights, WIDTH, B).area_within(np.array([2.0, 9.5]))
+    cap = 0.5 * (1.0 - np.cos(np.array([2.0, 9.5]) * WIDTH / UNIT))
+    np.testing.assert_allclose(within, np.stack([cap, cap], axis=1), atol=0.005)
 
 
 def test_all_area_and_all_weights_within_reach_are_counted_once(ball):
     near, weights = ball
     farthest = int(near.H.max() * CELLS / WIDTH) + 1
     whole = profiles_of(near, weights, WIDTH, farthest)
-    np.testing.assert_allclose(whole.area.sum(axis=1), near.root_area**2)
+    np.testing.assert_allclose(whole.area.sum(axis=1), 1.0)
     np.testing.assert_allclose(whole.weight.sum(axis=1), weights.sum())
     np.testing.assert_allclose(whole.square.sum(axis=1), (weights**2).sum())
     # And what is farther away is left out, not heaped at the end.
@@ -183,7 +186,7 @@ def test_profiles_of_pieces_are_listed_one_after_the_other():
 
 def test_chips_of_an_even_mesh_are_small_and_count_its_vertices(ball):
     near, weights = ball
-    s, n = measure(profiles_of(near, weights, WIDTH, B), K, 1)
+    s, n = measure(profiles_of(near, weights, WIDTH, B), K, np.ones(1), np.zeros(1))
     assert np.abs(s).max() < 0.1 * 0.2
     count = [np.bincount((H / WIDTH).astype(int), minlength=K + 1)[1 : K + 1] for H in near.H]
     # Equal weights count in full, and unequal ones less.

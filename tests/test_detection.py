@@ -35,7 +35,7 @@ class Oracle:
     n_chips = K
     n_words = M
 
-    def sight(self, frame) -> Sighting:
+    def sight(self, frame, reference=None) -> Sighting:
         self.seen.append((frame.time, frame.points.tobytes()))
         if frame.time not in self.given:
             raise CapacityError("nothing is seen")

@@ -8,7 +8,7 @@ import pytest
 from meshmark.bit_errors import bit_errors
 from meshmark.carrier import Carrier, measure, sighting_of
 from meshmark.evidence import Evidence, Strand
-from meshmark.judging import SHORT_LIST, judge, log10_p_of
+from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.statistics import word_log_e_means
 from meshmark.verdict import decide
@@ -202,7 +202,7 @@ def test_frames_share_belief_with_all_together(tracked) -> None:
     together = np.exp(word_log_e_means(strand.pooled, strand.belief, words))
     alone = [e_value(item.select([t]), words[None])[0] for t in range(3)]
     assert min(alone) > 100
-    expected = 0.5 * together + 0.5 * np.mean(alone)
+    expected = TOGETHER * together + (1.0 - TOGETHER) * np.mean(alone)
     assert e_value(item, words[None])[0] == pytest.approx(expected)
 
 

@@ -11,6 +11,14 @@ from hypothesis import strategies as st
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence, Strand
 from meshmark.evidence_file import FORMAT, StoredEvidence, load_evidence, save_evidence
+from meshmark.placement import Placement
+
+
+def placements(n_readings, n_carriers) -> tuple[Placement, ...]:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0, 9, size=(2, n_readings, n_carriers))
+    places[1, :, 0] = np.nan
+    return tuple(map(Placement, places, rng.uniform(0.1, 0.9, size=(2, n_carriers))))
 
 
 @pytest.fixture
@@ -18,7 +26,9 @@ def stored() -> StoredEvidence:
     soft = np.random.default_rng(0).uniform(-1, 1, size=(2, 3, 4, 5))
     strands = (
         Strand.of(soft, np.log([0.5, 0.3, 0.2]), 0, float(np.log(0.5))),
-        Strand.of(soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5))),
+        Strand.of(
+            soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5)), placements(3, 2)
+        ),
     )
     item = Evidence("/A", "apex", 8, np.array([1.0, 2.5]), strands, tracked=False)
     files = (("a.usd", "0" * 64),)
@@ -37,6 +47,10 @@ def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
         assert (after.restored, after.log_belief) == (before.restored, before.log_belief)
         np.testing.assert_array_equal(after.steps, before.steps)
         np.testing.assert_array_equal(after.log_prior, before.log_prior)
+        assert (after.placements is None) == (before.placements is None)
+        for one, two in zip(before.placements or (), after.placements or (), strict=True):
+            np.testing.assert_array_equal(two.place, one.place)
+            np.testing.assert_array_equal(two.doubt, one.doubt)
 
 
 def test_the_same_evidence_gives_the_same_bytes(stored, tmp_path) -> None:
@@ -77,7 +91,7 @@ def test_a_changed_bit_is_refused_or_changes_nothing(stored, tmp_path, place, bi
 
 def test_another_format_is_named(tmp_path) -> None:
     with (tmp_path / "e").open("wb") as file:
-        np.savez(file, header=np.array(json.dumps({"format": "meshmark-evidence-2"})))
+        np.savez(file, header=np.array(json.dumps({"format": "meshmark-evidence-1"})))
     with pytest.raises(InputError, match=FORMAT):
         load_evidence(tmp_path / "e")
 
@@ -88,6 +102,18 @@ def test_steps_of_another_kind_are_refused(stored, tmp_path) -> None:
     for steps in (strand.steps.astype(np.int16), strand.steps[0]):
         broken = replace(item, strands=(replace(strand, steps=steps),))
         save_evidence(replace(stored, items=(broken,)), tmp_path / "e")
+        with pytest.raises(InputError, match="evidence"):
+            load_evidence(tmp_path / "e")
+
+
+def test_placements_that_fit_no_strand_are_refused(stored, tmp_path) -> None:
+    [item] = stored.items
+    strand = item.strands[1]
+    first, second = strand.placements
+    sure = Placement(first.place, np.zeros_like(first.doubt))
+    for broken in ((first,), (first.under(0), second.under(0)), (sure, second)):
+        wrong = replace(item, strands=(replace(strand, placements=broken),))
+        save_evidence(replace(stored, items=(wrong,)), tmp_path / "e")
         with pytest.raises(InputError, match="evidence"):
             load_evidence(tmp_path / "e")
 

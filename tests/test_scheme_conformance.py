@@ -82,7 +82,7 @@ def seeing(look) -> JointScheme:
     """Return apex with its sightings of a frame changed."""
     scheme = Recipe("apex").build()
     sight = scheme.sight
-    scheme.sight = lambda frame: look(sight(frame), frame)
+    scheme.sight = lambda frame, reference=None: look(sight(frame, reference), frame)
     return scheme
 
 

@@ -136,9 +136,10 @@ class JointSchemeSuite:
         for sighting, frame in zip(sightings, analysed(animation), strict=True):
             assert_sound(sighting, frame, scheme.n_chips)
             assert np.any(sighting.soft)
-            np.testing.assert_array_equal(sighting.log_prior, sightings[0].log_prior)
+            assert sighting.log_prior.shape == sightings[0].log_prior.shape
             assert sighting.descriptors.shape[1] == sightings[0].descriptors.shape[1]
             assert (sighting.vertices is None) == (sightings[0].vertices is None)
+            assert (sighting.placement is None) == (sightings[0].placement is None)
 
     def test_same_frame_same_sighting(self, scheme: JointScheme, animation: MeshAnimation) -> None:
         """Nothing is drawn by chance, and nothing is kept from one frame to the next."""
@@ -265,6 +266,10 @@ def assert_sound(sighting: Sighting, frame: Frame, n_chips: int) -> None:
     assert sighting.descriptors.ndim == 2
     assert len(sighting.descriptors) == C
     assert np.all(np.isfinite(sighting.descriptors))
+    if sighting.placement is not None:
+        assert sighting.placement.place.shape == (R, C)
+        assert sighting.placement.doubt.shape == (C,)
+        assert np.all((sighting.placement.doubt > 0.0) & (sighting.placement.doubt < 1.0))
     if sighting.vertices is not None:
         assert sighting.vertices.shape == (C,)
         assert sighting.vertices.dtype.kind in "iu"
@@ -279,6 +284,9 @@ def assert_equal(one: Sighting, two: Sighting) -> None:
     np.testing.assert_array_equal(one.log_prior, two.log_prior)
     np.testing.assert_array_equal(one.descriptors, two.descriptors)
     np.testing.assert_array_equal(one.vertices, two.vertices)
+    if one.placement is not None and two.placement is not None:
+        np.testing.assert_array_equal(one.placement.place, two.placement.place)
+        np.testing.assert_array_equal(one.placement.doubt, two.placement.doubt)
 
 
 def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: float) -> None:
@@ -290,7 +298,7 @@ def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: floa
         For each vertex of the second frame, the same vertex of the first.
     """
     assert one.soft.shape == two.soft.shape
-    np.testing.assert_array_equal(one.log_prior, two.log_prior)
+    np.testing.assert_allclose(one.log_prior, two.log_prior, rtol=0, atol=tolerance)
     gap = np.abs(two.soft[:, None] - one.soft[:, :, None]).max(axis=(0, 3))
     if one.vertices is not None and two.vertices is not None:
         gap = (one.vertices[:, None] != vertex[two.vertices]).astype(np.float64)
@@ -300,3 +308,6 @@ def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: floa
     np.testing.assert_allclose(
         two.descriptors[order], one.descriptors, rtol=tolerance, atol=tolerance
     )
+    if one.placement is not None and two.placement is not None:
+        places = two.placement.place[:, order]
+        np.testing.assert_allclose(places, one.placement.place, rtol=0, atol=100.0 * tolerance)

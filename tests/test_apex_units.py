@@ -1,0 +1,108 @@
+"""Units of length that a copy remembers, and words told by bulk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meshmark.animation import MeshAnimation
+from meshmark.testing.meshes import capsule, icosphere, side_by_side
+from meshmark_plugins.schemes.apex.layout import lay_out
+from meshmark_plugins.schemes.apex.pieces import reference_lengths, shared_length, split
+from meshmark_plugins.schemes.apex.places import N_WORDS, STEP, bulk, choose_words, place_of
+from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.readings import cells_needed
+from meshmark_plugins.schemes.apex.survey import VICINITY, measure_from
+from meshmark_plugins.schemes.apex.tuning import Tuning
+from meshmark_plugins.schemes.apex.units import PERIOD, members, phase_of, scale, units
+
+TUNING = Tuning(16, 0.04, 8, 0.36, 2.2e-4, 8)
+LENGTHS = st.floats(1e-4, 1e4)
+
+
+@given(LENGTHS)
+def test_the_unit_is_the_nearest_member_of_the_series(root_area):
+    unit = units(root_area, np.array([phase_of(root_area)]))
+    assert np.abs(members(unit)).max() <= 0.5 + 1e-9
+    # A member: a whole number of steps from 1.
+    steps = members(unit * root_area)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+@given(LENGTHS, st.floats(0.36, 1.05))
+def test_what_is_left_of_a_piece_remembers_its_unit(root_area, share):
+    phase = np.array([phase_of(root_area)])
+    unit = units(root_area, phase) * root_area
+    rest = root_area * np.sqrt(share)
+    if members(np.array(unit / rest)).max() < PERIOD - 1.01:
+        np.testing.assert_allclose(units(rest, phase) * rest, unit, rtol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 0.01, 100.0, 1e6])
+def test_metres_or_centimetres_make_no_difference(factor):
+    for root_area in (0.3, 1.65, 2.27, 7.1):
+        assert phase_of(factor * root_area) == phase_of(root_area)
+        phases = np.arange(float(PERIOD))
+        np.testing.assert_allclose(
+            units(factor * root_area, phases), units(root_area, phases), rtol=1e-9
+        )
+
+
+def test_scale_and_members_undo_each_other():
+    np.testing.assert_allclose(members(scale(np.array([-1.0, 0.0, 2.5]))), [-1.0, 0.0, 2.5])
+
+
+def without_top(V, F, height):
+    below = F[(V[F, 2] < height).all(axis=1)]
+    kept, faces = np.unique(below, return_inverse=True)
+    return V[kept], faces.reshape(-1, 3)
+
+
+def test_open_pieces_and_the_largest_share_a_length_and_closed_ones_have_their_own():
+    large, small = capsule(24, 60), capsule(20, 50, 0.2, 2.0)
+    V, F = side_by_side(large, (small[0] + 5.0, small[1]))
+    own = reference_lengths(V, split(V, F))
+    assert own[0] > 1.4 * own[1]
+    cut = without_top(*small, 0.5)
+    V, F = side_by_side(large, (cut[0] + 5.0, cut[1]))
+    shared = reference_lengths(V, split(V, F))
+    assert shared[0] == shared[1] == shared_length(V, F) > own[0]
+
+
+def test_a_bulk_is_the_area_about_an_anchor_in_squared_units():
+    V, F = icosphere(5)
+    (near,) = measure_from(V, F, np.array([0]))
+    profiles = profiles_of(near, vertex_weights(near, 0.04), 0.04, cells_needed(16, 0.04))
+    scales = np.array([1.0, 0.8])
+    found = bulk(profiles, 0.04, scales)[:, 0]
+    # Archimedes: a cap of height h has the area 2 pi r h; root area 1 is a radius of .2821.
+    r = 1.0 / np.sqrt(4.0 * np.pi)
+    cap = 2.0 * np.pi * r**2 * (1.0 - np.cos(VICINITY / scales / r)) * scales**2
+    np.testing.assert_allclose(found, cap, rtol=0.01)
+
+
+def test_places_go_with_the_logarithm_of_bulk_and_words_are_the_nearest():
+    places = place_of(np.array([0.04, 0.04 * np.exp(STEP), 0.0, 1e9]))
+    assert places[1] - places[0] == pytest.approx(1.0)
+    assert places[2] == 0.0
+    assert places[3] == N_WORDS - 1.0
+    assert choose_words(np.array([20.2, 7.9, 33.4])).tolist() == [20, 8, 33]
+    crowded = choose_words(np.array([20.0, 20.0, 20.1, 20.2]))
+    assert len(set(crowded.tolist())) == 4
+    assert np.abs(crowded - 20).max() <= 2
+
+
+def test_a_layout_gives_every_anchor_a_unit_and_a_word_of_its_own():
+    V, F = capsule(48, 100, 0.6)
+    animation = MeshAnimation.from_arrays(V[None], F)
+    anchors = np.array([len(V) - 1, len(V) - 2])
+    layout = lay_out(animation, anchors, TUNING)
+    assert layout.anchors is anchors
+    length = shared_length(V, F)
+    np.testing.assert_allclose(layout.units, units(length, np.array([phase_of(length)]))[0])
+    # Both ends are alike: neighbouring words.
+    assert abs(int(layout.words[0]) - int(layout.words[1])) == 1
+    ((rows, near),) = layout.measured(V, F)
+    np.testing.assert_array_equal(anchors[rows], near.anchors)

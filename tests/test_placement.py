@@ -1,0 +1,115 @@
+"""Words by their places: beliefs, sums against brute force, and honesty."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from meshmark.placement import SHIFT_BELIEF, SHIFTS, WINDOW, Placement, together
+from meshmark.statistics import log10_p_words, reachable_log10_p, word_log_e_means
+
+M = 20
+
+
+def placement(place, doubt=0.2) -> Placement:
+    place = np.atleast_2d(np.array(place, dtype=float))
+    return Placement(place, np.full(place.shape[1], doubt))
+
+
+def brute_mean(windows, e, shift, reading) -> float:
+    """Average over every way to give carriers words, written out."""
+    total = ways = 0.0
+    first, doubt = windows.first[reading], windows.doubt[reading]
+    for way in product([None, *range(WINDOW)], repeat=len(first)):
+        words = [first[c] + w for c, w in enumerate(way) if w is not None]
+        if len(set(words)) < len(words):
+            continue
+        belief = value = 1.0
+        for c, w in enumerate(way):
+            belief *= doubt[c] if w is None else windows.belief[shift, reading, c, w]
+            value *= 1.0 if w is None else e[c, w]
+        ways += belief
+        total += belief * value
+    return float(np.log(total / ways))
+
+
+@pytest.mark.parametrize(
+    "places", [[3.2, 3.4, 3.9], [0.0, 19.0, 9.5], [12.0, 4.1, 5.0], [7.7, 7.7, 7.7, 7.7]]
+)
+def test_the_mean_is_over_all_ways_in_which_no_word_is_held_twice(places) -> None:
+    rng = np.random.default_rng(0)
+    windows = placement([places, places[::-1]]).windows(M)
+    e = np.exp(rng.normal(size=(4, len(places), WINDOW)))
+    shift, reading = np.array([0, 1, 3, 0]), np.array([0, 1, 0, 1])
+    found = windows.log_mean(e, shift, reading)
+    wanted = [brute_mean(windows, e[i], shift[i], reading[i]) for i in range(4)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+def test_beliefs_sum_to_one_and_fall_with_the_distance_from_the_place() -> None:
+    windows = placement([0.3, 9.8, 19.0, np.nan]).windows(M)
+    sums = windows.belief.sum(axis=-1) + windows.doubt
+    np.testing.assert_allclose(sums, 1.0)
+    assert windows.first.min() >= 0
+    assert windows.first.max() <= M - WINDOW
+    near = windows.first[0, 1] + np.argsort(-windows.belief[0, 0, 1])[:2]
+    assert near.tolist() == [10, 9]
+    # Nobody knows where the last one stands: it holds nothing.
+    assert windows.doubt[0, 3] == 1.0
+    assert not windows.belief[:, 0, 3].any()
+    assert SHIFT_BELIEF.sum() == pytest.approx(1.0)
+    assert (SHIFTS[0], SHIFT_BELIEF.argmax()) == (0.0, 0)
+
+
+def test_a_shift_moves_all_carriers_alike() -> None:
+    windows = placement([6.0, 12.0]).windows(M)
+    up = int(np.flatnonzero(SHIFTS == 1.0)[0])
+    assert (windows.first + windows.belief[0, 0].argmax(axis=-1)).tolist() == [[6, 12]]
+    assert (windows.first + windows.belief[up, 0].argmax(axis=-1)).tolist() == [[7, 13]]
+
+
+def test_a_word_where_it_is_expected_is_worth_more_than_elsewhere() -> None:
+    rng = np.random.default_rng(1)
+    words = 2 * rng.integers(0, 2, size=(M, 16)) - 1
+    S = 0.9 * words[[4, 9, 15]][None].astype(float)
+    scores = [
+        log10_p_words(S, words, placement=placement(places))
+        for places in ([4.1, 9.2, 14.8], [5.8, 11.0, 16.9], [9.0, 15.0, 4.0])
+    ]
+    assert scores[0] < scores[1] < scores[2]
+    assert scores[0] < -9.0
+    assert scores[2] > -1.0
+
+
+def test_p_is_honest_where_words_have_places() -> None:
+    n = 3000
+    rng = np.random.default_rng(2)
+    words = 2 * rng.integers(0, 2, size=(n, M, 12)) - 1
+    S = np.clip(rng.normal(size=(2, 4, 12)), -1, 1)
+    where = placement([[3.0, 3.1, 3.2, 12.0], [3.0, 4.0, 5.0, 6.0]], doubt=0.1)
+    log_e = word_log_e_means(S, np.log([0.7, 0.3]), words, where)
+    assert np.exp(log_e).mean() < 1.0 + 5.0 * np.exp(log_e).std() / np.sqrt(n)
+    for alpha in (0.5, 0.1, 0.01):
+        share = np.mean(-log_e <= np.log(alpha))
+        assert share <= alpha + 5 * np.sqrt(alpha * (1 - alpha) / n)
+
+
+def test_the_best_of_keys_reaches_what_is_foretold() -> None:
+    rng = np.random.default_rng(3)
+    words = 2 * rng.integers(0, 2, size=(M, 14)) - 1
+    where = placement([2.0, 7.0, 8.0, 15.0], doubt=0.1)
+    S = words[[2, 7, 8, 15]][None].astype(float)
+    foretold = reachable_log10_p(np.ones((4, 14), dtype=bool), M, 0.0, where)
+    found = log10_p_words(S, words, np.zeros(1), where)
+    assert found == pytest.approx(foretold, abs=0.4)
+    assert reachable_log10_p(np.zeros((4, 14), dtype=bool), M, 0.0, where) == 0.0
+
+
+def test_frames_say_together_what_most_of_them_say() -> None:
+    each = [placement([2.0, 5.0, np.nan], doubt) for doubt in (0.1, 0.1, 0.4)]
+    each[2].place[:] = [[9.0, np.nan, np.nan]]
+    found = together(each)
+    np.testing.assert_array_equal(found.place, [[2.0, 5.0, np.nan]])
+    np.testing.assert_allclose(found.doubt, [0.2, 0.1, 1.0])
