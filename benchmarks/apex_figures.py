@@ -32,13 +32,11 @@ from meshmark.render import CLAY, View, render_frame
 from meshmark.topology import edges
 from meshmark.welding import Welding
 from meshmark_plugins.schemes.apex.anchors import integral_distance
+from meshmark_plugins.schemes.apex.layout import Layout
 from meshmark_plugins.schemes.apex.plan import plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.poses import targets
-from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.poses import chips_about, targets
 from meshmark_plugins.schemes.apex.radial import RadialDistances
-from meshmark_plugins.schemes.apex.readings import cells_needed, measure
 from meshmark_plugins.schemes.apex.scheme import Apex
-from meshmark_plugins.schemes.apex.survey import measure_from
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,24 +57,22 @@ class Subject:
     """An animation as analysis sees it, its anchors, and what marking makes of it."""
 
     animation: MeshAnimation
-    anchors: IntArray
+    layout: Layout
     words: IntArray
     scheme: Apex
     marked: dict[int, FloatArray]
     view: View
 
     def distances(self, P: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distances (C, N) from the anchors in root areas, chips and their counts (C, K)."""
-        tuning = self.scheme.tuning
-        H = np.full((len(self.anchors), len(P)), np.inf)
-        s = np.full((len(self.anchors), tuning.bins), np.nan)
+        """Distances (C, N) from the anchors in units, chips and their counts (C, K)."""
+        tuning, C = self.scheme.tuning, len(self.layout.anchors)
+        H = np.full((C, len(P)), np.inf)
+        s = np.full((C, tuning.bins), np.nan)
         n = s.copy()
-        for near in measure_from(P, F, self.anchors):
-            rows = [int(np.flatnonzero(self.anchors == a)[0]) for a in near.anchors]
-            H[np.ix_(rows, near.piece.vertices)] = near.H
-            weights = vertex_weights(near, tuning.width)
-            profiles = profiles_of(near, weights, tuning.width, cells_needed(tuning.bins))
-            (s[rows],), (n[rows],) = measure(profiles, tuning.bins, 1)
+        for rows, near in self.layout.measured(P, F):
+            unit = float(self.layout.units[rows[0]])
+            H[np.ix_(rows, near.piece.vertices)] = near.H / unit
+            s[rows], n[rows], _ = chips_about(near, unit, tuning.bins, tuning.width)
         return H, s, n
 
 
@@ -85,14 +81,14 @@ def subject_of(source: str | None, azimuth: float) -> Subject:
     animation = creature() if asset is None else asset.meshes[0]
     animation = animation.map(Welding.of(animation[0]).frame)
     scheme, jobs = Apex(), default_jobs()
-    anchors = require_capacity(animation, scheme.tuning, jobs)
+    layout = require_capacity(animation, scheme.tuning, jobs)
     words = Key(bytes(range(32))).words("apex", scheme.n_words, scheme.n_chips)
     plan = plan_animation(animation, words, scheme.tuning, jobs)
     shown = (0, len(animation) // 3)
     marked = {t: plan.mark(t, animation[t]) for t in shown}
     up_axis = "Y" if asset is None else asset.up_axis
     view = View(azimuth=azimuth, elevation=14.0, up_axis=up_axis)
-    return Subject(animation, anchors, words[: len(anchors)], scheme, marked, view)
+    return Subject(animation, layout, words[layout.words], scheme, marked, view)
 
 
 def halved(F: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -160,7 +156,7 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     H, *_ = subject.distances(P, F)
     radial = RadialDistances(P, F)
     f = integral_distance(P, F, radial)
-    view, r, tips = framed(subject, P), BALL * radial.root_area, P[subject.anchors]
+    view, r, tips = framed(subject, P), BALL * radial.root_area, P[subject.layout.anchors]
     norm = Normalize(f.min(), f.max())
     left = picture(
         P, F, f[:, None], lambda v: linear(plt.cm.YlGnBu_r(norm(v[:, 0]))), view, tips, r
@@ -180,7 +176,7 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(2 * SIZE[0] / DPI, SIZE[1] / DPI + 0.3))
     titles = (
         "mean distance to the whole surface; maxima are anchors",
-        f"bins of {width:g} root areas about each anchor",
+        f"bins of {width:g} units about each anchor",
     )
     for ax, image, title in zip(axes, (left, right), titles, strict=True):
         show(ax, image, title)
@@ -204,7 +200,7 @@ def draw_chips(subject: Subject, path: Path) -> None:
     frame = subject.animation[0]
     _, before, n = subject.distances(frame.points, frame.faces)
     _, after, _ = subject.distances(subject.marked[0], frame.faces)
-    target, C = targets(n, subject.scheme.tuning.strength), len(subject.anchors)
+    target, C = targets(n, subject.scheme.tuning.strength), len(subject.layout.anchors)
     rows = -(-C // 2)
     figure, axes = plt.subplots(
         rows, 2, figsize=(9.4, 1.45 * rows + 0.7), sharex=True, sharey=True, squeeze=False

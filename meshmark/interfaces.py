@@ -247,7 +247,7 @@ class JointScheme(Protocol):
         Parameters
         ----------
         words : (n_words, n_chips) int
-            The key's code words; carriers take them in order.
+            The key's code words; which carrier takes which, `sight` must be able to tell.
         jobs : int
             Worker processes that may be used.
 

@@ -105,13 +105,23 @@ class Windows:
         index = np.broadcast_to(index, (*values.shape[:-1], WINDOW))
         return np.take_along_axis(values, index, axis=-1)
 
-    def promise(self, e: FloatArray) -> FloatArray:
-        """Guess `log_mean` of e-values (..., R, T, C, W), (..., Q, R, T).
+    @cached_property
+    def blurred(self) -> FloatArray:
+        """Belief in each word of the window, whatever the shift, (R, C, W)."""
+        return np.tensordot(SHIFT_BELIEF, self.belief, axes=1)
 
-        Words that two carriers hold are not ruled out.
+    def promise(self, e: FloatArray, reading: IntArray) -> FloatArray:
+        """Guess `log_mean` for every shift, (n, Q, P, T): two carriers may hold one word.
+
+        Parameters
+        ----------
+        e : (n, P, T, C, W) float64
+            E-values under each of P readings.
+        reading : (n, P) int
+            Which readings those are.
         """
-        each = np.einsum("...rtcw,qrcw->...qrtc", e, self.belief, optimize=True)
-        promise: FloatArray = np.log(each + self.doubt[:, None]).sum(axis=-1)
+        each = np.einsum("nptcw,qnpcw->nqptc", e, self.belief[:, reading], optimize=True)
+        promise: FloatArray = np.log(each + self.doubt[reading][:, None, :, None]).sum(axis=-1)
         return promise
 
     def log_mean(self, e: FloatArray, shift: IntArray, reading: IntArray) -> FloatArray:

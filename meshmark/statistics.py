@@ -23,30 +23,18 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from meshmark.assignments import mean_over_assignments
+from meshmark.evalues import LOST, TILTS, e_values, log_cosh, most_promising
+from meshmark.placed_words import mean_of_placed
 from meshmark.placement import SHIFT_BELIEF, WINDOW, Placement, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Soft chips lie in [-1, 1]. In steps of two, no best l in between is missed by more than the
-# square root of two, and averaging over all eight costs log10(8) = 0.9 decades at the very most.
-TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
-
-# Belief that a carrier was destroyed.
-LOST = 0.15
-# Pairs of reading and tilt for which assignments are summed up.
-PROMISING = 8
 # Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
 AT_ONCE = 2_000_000
 
 # Up to here the exact tail is a table of 2^K sums; beyond, the e-value takes over.
 EXACT_CHIPS = 18
-
-
-def log_cosh(x: FloatArray) -> FloatArray:
-    """Compute log cosh x without overflow."""
-    a = np.abs(x)
-    return a + np.log1p(np.exp(-2.0 * a)) - np.log(2.0)
 
 
 def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
@@ -110,41 +98,16 @@ def _mean_of_readings(
     S: FloatArray, log_prior: FloatArray, words: IntArray, windows: Windows | None
 ) -> FloatArray:
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
+    log_null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
     if windows is not None:
-        score = windows.words_of(score)
-    null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1)
-    log_e = TILTS[:, None, None] * score[:, :, None] - null.transpose(1, 0, 2)[..., None]
-    # At most 2^K, so that hundreds of chips fit into a float.
-    e = LOST + (1.0 - LOST) * np.exp(log_e)
+        return mean_of_placed(windows.words_of(score), log_null, log_prior, windows)
+    e = e_values(score[:, :, None], log_null, TILTS)
     belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
-    return _mean_of_ordered(e, belief) if windows is None else _mean_of_placed(e, belief, windows)
-
-
-def _mean_of_ordered(e: FloatArray, belief: FloatArray) -> FloatArray:
-    """Average e-values (n, R, T, C, M) over assignments, readings and tilts, (n,)."""
     promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
-    reading, tilt = _most_promising(promise)
+    reading, tilt = most_promising(promise)
     log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], reading, tilt]))
     mean: FloatArray = logsumexp(log_means + belief[reading, tilt], axis=-1)
     return mean
-
-
-def _mean_of_placed(e: FloatArray, belief: FloatArray, windows: Windows) -> FloatArray:
-    """Average e-values (n, R, T, C, W) of windows over assignments and all else, (n,)."""
-    belief = np.log(SHIFT_BELIEF)[:, None, None] + belief
-    shift, reading, tilt = _most_promising(windows.promise(e) + belief)
-    picked = e[np.arange(len(e))[:, None], reading, tilt]
-    log_means = windows.log_mean(picked.reshape(-1, *e.shape[3:]), shift.ravel(), reading.ravel())
-    log_means = log_means.reshape(shift.shape) + belief[shift, reading, tilt]
-    mean: FloatArray = logsumexp(log_means, axis=-1)
-    return mean
-
-
-def _most_promising(promise: FloatArray) -> tuple[IntArray, ...]:
-    """Find where most is promised in (n, ...): (n, `PROMISING`) indices along each axis."""
-    flat = promise.reshape(len(promise), -1)
-    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :PROMISING]
-    return np.unravel_index(chosen, promise.shape[1:])
 
 
 def log10_p_words(
