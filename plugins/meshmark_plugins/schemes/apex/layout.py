@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import MeshAnimation
-from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import cells_needed
@@ -57,7 +56,7 @@ def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning) -> Layo
     """
     first = animation[0]
     nears = measure_from(first.points, first.faces, anchors)
-    phase = np.array([phase_of(shared_length(first.points, first.faces))])
+    phase = np.array([phase_of(nears[0].whole)])
     unit = np.empty(len(anchors))
     for near in nears:
         unit[_rows(anchors, near.anchors)] = units(near.unit, phase)

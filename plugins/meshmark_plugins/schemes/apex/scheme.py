@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +75,8 @@ class Apex:
         """Find the anchors of a frame, and read the chips about them."""
         K, width = self.tuning.bins, self.tuning.width
         nears = survey(frame.points, frame.faces, LEAST_SEEN, self.tuning.words + SPARE)
-        own = shared_length(frame.points, frame.faces)
-        whole = own if reference is None else shared_length(reference.points, reference.faces)
+        own = nears[0].whole
+        whole = own if reference is None else _length_of(reference)
         guesses = Guesses.about(whole)
         soft, places, doubts = [], [], []
         for near in nears:
@@ -105,6 +106,12 @@ class Apex:
     def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
         return plan_animation(animation, words, self.tuning, jobs)
+
+
+@lru_cache(maxsize=8)
+def _length_of(frame: Frame) -> float:
+    """Length in which the largest piece of a frame is measured; asked for again and again."""
+    return shared_length(frame.points, frame.faces)
 
 
 def doubts_about(near: Neighbourhood) -> FloatArray:

@@ -32,6 +32,8 @@ class Neighbourhood:
         Positions of the piece's vertices.
     unit : float
         Length in which distances are given; see `reference_lengths`.
+    whole : float
+        That of the largest piece of the mesh.
     anchors : (m,) int
         Vertices of the mesh (not of the piece).
     persistence : (m,) float64
@@ -43,6 +45,7 @@ class Neighbourhood:
     piece: Piece
     V: FloatArray
     unit: float
+    whole: float
     anchors: IntArray
     persistence: FloatArray
     H: FloatArray
@@ -91,7 +94,8 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
     """
     found = []
     pieces = split(V, F)
-    for piece, unit in zip(pieces, reference_lengths(V, pieces), strict=True):
+    units = reference_lengths(V, pieces)
+    for piece, unit in zip(pieces, units, strict=True):
         points = V[piece.vertices]
         radial = RadialDistances(points, piece.faces)
         maxima = find_anchors(points, piece.faces, radial, least, most)
@@ -107,7 +111,14 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
     chosen[np.argsort(-persistence, kind="stable")[:most]] = True
     ends = np.cumsum([len(maxima.vertices) for *_, maxima in found])[:-1]
     return [
-        _measured(piece, unit, points, radial, maxima.vertices[kept], maxima.persistence[kept])
+        _measured(
+            piece,
+            (unit, units[0]),
+            points,
+            radial,
+            maxima.vertices[kept],
+            maxima.persistence[kept],
+        )
         for (piece, unit, points, radial, maxima), kept in zip(
             found, np.split(chosen, ends), strict=True
         )
@@ -125,14 +136,16 @@ def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbou
     """
     found, left = [], len(anchors)
     pieces = split(V, F)
-    for piece, unit in zip(pieces, reference_lengths(V, pieces), strict=True):
+    units = reference_lengths(V, pieces)
+    for piece, unit in zip(pieces, units, strict=True):
         place = np.full(len(V), -1)
         place[piece.vertices] = np.arange(len(piece.vertices))
         own = place[anchors][place[anchors] >= 0]
         if own.size:
             points = V[piece.vertices]
             radial = RadialDistances(points, piece.faces)
-            found.append(_measured(piece, unit, points, radial, own, np.zeros(len(own))))
+            lengths = (unit, units[0])
+            found.append(_measured(piece, lengths, points, radial, own, np.zeros(len(own))))
             left -= len(own)
     if left:
         raise CapacityError("an anchor lies in a piece that is too small in some frame")
@@ -141,7 +154,7 @@ def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbou
 
 def _measured(
     piece: Piece,
-    unit: float,
+    lengths: tuple[float, float],
     points: FloatArray,
     radial: RadialDistances,
     anchors: IntArray,
@@ -150,8 +163,9 @@ def _measured(
     return Neighbourhood(
         piece=piece,
         V=points,
-        unit=unit,
+        unit=lengths[0],
+        whole=lengths[1],
         anchors=piece.vertices[anchors],
         persistence=persistence,
-        H=radial.from_vertices(anchors) * (radial.root_area / unit),
+        H=radial.from_vertices(anchors) * (radial.root_area / lengths[0]),
     )
