@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,9 +41,11 @@ class TryKeys:
         return np.asarray(log10_p_of(self.evidence, words))
 
 
-def try_keys(path: Path, n_keys: int) -> FloatArray:
+def try_keys(path: Path, n_keys: int, plain: bool) -> FloatArray:
     """Return log10 p of many keys on the first mesh of an evidence file."""
     evidence = load_evidence(path).items[0]
+    if plain:
+        evidence = replace(evidence, strands=evidence.strands[:1])
     blocks = range(-(-n_keys // AT_ONCE))
     found = list(ordered_map(TryKeys(evidence), blocks, jobs=default_jobs()))
     return np.concatenate(found)[:n_keys]
@@ -73,9 +75,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("evidence", nargs="+", type=Path)
     parser.add_argument("--keys", type=int, default=100_000)
+    parser.add_argument("--plain", action="store_true", help="leave out undone smoothing")
     parser.add_argument("-o", "--output", type=Path, default=Path())
     options = parser.parse_args()
-    results = {path.stem: try_keys(path, options.keys) for path in options.evidence}
+    results = {path.stem: try_keys(path, options.keys, options.plain) for path in options.evidence}
     heads = " | ".join(f"p <= 1e{level:g}" for level in LEVELS)
     print(f"| evidence | {heads} | lowest log10 p |")
     print("| --- |" + " --- |" * (len(LEVELS) + 1))
