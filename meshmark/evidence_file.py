@@ -16,7 +16,7 @@ import numpy as np
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence, Strand
 from meshmark.manifest import write_bytes
-from meshmark.placement import Placement
+from meshmark.placement import WINDOW, Placement
 
 FORMAT = "meshmark-evidence-2"
 
@@ -142,7 +142,7 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
         if np.exp(strand.belief).sum() > 1.0 + 1e-9:
             raise ValueError("belief")
         for placement in strand.placements or ():
-            _check(placement, strand)
+            _check(placement, strand, int(described["n_words"]))
     if not strands:
         raise ValueError("no strand")
     return Evidence(
@@ -162,13 +162,16 @@ def _placements(file: Any, suffix: str) -> tuple[Placement, ...] | None:
     return tuple(map(Placement, place, doubt))
 
 
-def _check(placement: Placement, strand: Strand) -> None:
+def _check(placement: Placement, strand: Strand, n_words: int) -> None:
     T, R, C, _ = strand.steps.shape
     shapes = (len(strand.placements or ()), placement.place.shape, placement.doubt.shape)
     if shapes != (T, (R, C), (C,)):
         raise ValueError("shapes")
     if not np.all((placement.doubt > 0.0) & (placement.doubt <= 1.0)):
         raise ValueError("doubt")
+    place = placement.place[~np.isnan(placement.place)]
+    if n_words < WINDOW or not np.all((place >= 0.0) & (place <= n_words - 1)):
+        raise ValueError("place")
 
 
 def _checked_steps(steps: Any) -> Any:

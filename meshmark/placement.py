@@ -14,14 +14,14 @@ IntArray = NDArray[np.int64]
 
 # Words about a carrier's place that it may hold; a power of two of them is summed over.
 WINDOW = 8
-# Belief in a word falls by exp(-d / NEARNESS), d words from the place, but for a share of it that
-# is even over the window.
+# Share of the belief that is even over the window.
 ANY = 0.1
-# What roughens or smooths a copy changes the shape of all of its carriers alike: words by which
-# all places may be off, and the belief in that.
+# The rest falls by exp(-d / NEARNESS), d words from the place. What roughens or smooths a copy
+# changes the shape of its carriers alike: SHIFTS are words by which all places may be off. Each
+# shift has a nearness of its own (the second is for bodies whose shape wanders), and a belief.
 SHIFTS: FloatArray = np.array([0.0, 0.0, -1.0, 1.0, -2.0, 2.0])
-SHIFT_BELIEF: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
 NEARNESS: FloatArray = np.array([0.5, 1.5, 0.5, 0.5, 0.7, 0.7])
+SHIFT_BELIEF: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ import pytest
 from meshmark.errors import CapacityError
 from meshmark.geometry import face_areas, vertex_areas
 from meshmark.testing.invariance import moved
-from meshmark.testing.meshes import capsule, icosphere, plane, revolution, side_by_side, torus
+from meshmark.testing.meshes import icosphere, plane, revolution, torus
 from meshmark_plugins.geodesics.heat import HeatSolver
 from meshmark_plugins.schemes.apex.density import STEEPEST, cotangent_weights, stiffness, whitening
-from meshmark_plugins.schemes.apex.profile import CELLS, joined, profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.profile import CELLS, profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 from meshmark_plugins.schemes.apex.readings import cells_needed, measure
 from meshmark_plugins.schemes.apex.survey import measure_from
@@ -172,16 +172,6 @@ def test_all_area_and_all_weights_within_reach_are_counted_once(ball):
     np.testing.assert_array_equal(some.area, whole.area[:, : 5 * CELLS])
     within = near.H < 5 * WIDTH
     np.testing.assert_allclose(some.weight.sum(axis=1), within @ weights)
-
-
-def test_profiles_of_pieces_are_listed_one_after_the_other():
-    V, F = capsule(20, 40)
-    both = measure_from(*side_by_side((V, F), (V + 5, F)), np.array([800, 801, 1602]))
-    parts = [profiles_of(near, vertex_weights(near, WIDTH), WIDTH, B) for near in both]
-    whole = joined(parts)
-    assert whole.weight.shape == whole.square.shape == whole.area.shape == (3, B)
-    np.testing.assert_array_equal(whole.area[:2], parts[0].area)
-    np.testing.assert_allclose(whole.area[2], whole.area[0], atol=1e-9)
 
 
 def test_chips_of_an_even_mesh_are_small_and_count_its_vertices(ball):

@@ -16,7 +16,7 @@ from meshmark.placement import Placement
 
 def placements(n_readings, n_carriers) -> tuple[Placement, ...]:
     rng = np.random.default_rng(1)
-    places = rng.uniform(0, 9, size=(2, n_readings, n_carriers))
+    places = rng.uniform(0, 7, size=(2, n_readings, n_carriers))
     places[1, :, 0] = np.nan
     return tuple(map(Placement, places, rng.uniform(0.1, 0.9, size=(2, n_carriers))))
 
@@ -111,7 +111,8 @@ def test_placements_that_fit_no_strand_are_refused(stored, tmp_path) -> None:
     strand = item.strands[1]
     first, second = strand.placements
     sure = Placement(first.place, np.zeros_like(first.doubt))
-    for broken in ((first,), (first.under(0), second.under(0)), (sure, second)):
+    astray = Placement(first.place + 1e300, first.doubt)
+    for broken in ((first,), (first.under(0), second.under(0)), (sure, second), (astray, second)):
         wrong = replace(item, strands=(replace(strand, placements=broken),))
         save_evidence(replace(stored, items=(wrong,)), tmp_path / "e")
         with pytest.raises(InputError, match="evidence"):

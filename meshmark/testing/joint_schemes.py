@@ -310,4 +310,4 @@ def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: floa
     )
     if one.placement is not None and two.placement is not None:
         places = two.placement.place[:, order]
-        np.testing.assert_allclose(places, one.placement.place, rtol=0, atol=100.0 * tolerance)
+        np.testing.assert_allclose(places, one.placement.place, rtol=0, atol=20.0 * tolerance)

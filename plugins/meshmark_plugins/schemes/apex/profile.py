@@ -84,12 +84,3 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
 def _histogram(cells: IntArray, values: FloatArray, n_cells: int) -> FloatArray:
     total = np.bincount(np.minimum(cells, n_cells), values, n_cells + 1)
     return total[:n_cells].astype(np.float64, copy=False)
-
-
-def joined(parts: list[Profiles]) -> Profiles:
-    """Put the profiles of several pieces into one list."""
-    return Profiles(
-        weight=np.concatenate([part.weight for part in parts]),
-        square=np.concatenate([part.square for part in parts]),
-        area=np.concatenate([part.area for part in parts]),
-    )

@@ -115,7 +115,7 @@ def _length_of(frame: Frame) -> float:
 
 
 def doubts_about(near: Neighbourhood) -> FloatArray:
-    """Belief that the anchors of a piece hold no word, (C,), in root areas."""
+    """Believe so much that the anchors of a piece hold no word, (C,)."""
     own = np.searchsorted(near.piece.vertices, near.anchors)
     gap = distance_to_border(near.V, near.piece.faces, own)
     doubt = np.interp(near.persistence, FLAT, HIGH)

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 # Members in each power of ten: neighbours differ by a fifth.
 PER_DECADE = 12
-# Every so manieth member could be a piece's unit; all pieces take theirs from the same ones,
+# One member in `PERIOD` could be a piece's unit; all pieces take theirs from the same ones,
 # so that one guess does for all.
 PERIOD = 4
 # How far below its root area the unit of a piece may be, in members.
