@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark.evidence import Evidence, Strand
+from meshmark.evidence import STEPS, Evidence, Strand
 from meshmark.placement import WINDOW, Placement
 
 FloatArray = NDArray[np.float64]
@@ -51,8 +51,9 @@ class BitErrors:
 def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     """Compare the bits of every part with its word, frame by frame.
 
-    Erasures are neither right nor wrong: they leave the numerator and the denominator. A part
-    that decides less than half of its bits in a frame is left out of that frame.
+    Erasures, and chips that say no more than is `decisive` for their scheme, are neither right
+    nor wrong: they leave the numerator and the denominator. A part that decides less than half
+    of its bits in a frame is left out of that frame.
 
     Of several readings, the one that fits the words best is taken. Which part holds which word
     is told by all frames together, where vertices keep their identity. Where they do not, each
@@ -62,19 +63,16 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
         strand, reading = _best_reading(evidence, words)
         placement = strand.placement and strand.placement.under(reading)
         fit = _fits(strand.pooled[[reading]], words, placement)[0]
-        return _bit_errors(fit, strand.steps[:, reading], words)
+        steps = strand.steps[:, reading]
+        decided = np.abs(steps.astype(np.int64)) > evidence.decisive * STEPS
+        return _bit_errors(fit, np.where(decided, steps, 0), words)
     alone = [
-        bit_errors(_as_tracked(evidence.select([t])), words) for t in range(len(evidence.times))
+        bit_errors(replace(evidence.select([t]), tracked=True), words)
+        for t in range(len(evidence.times))
     ]
     return BitErrors(
         per_frame=np.concatenate([errors.per_frame for errors in alone]),
         best_part=np.concatenate([errors.best_part for errors in alone]),
-    )
-
-
-def _as_tracked(evidence: Evidence) -> Evidence:
-    return Evidence(
-        evidence.prim, evidence.scheme, evidence.n_words, evidence.times, evidence.strands
     )
 
 

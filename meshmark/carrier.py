@@ -80,6 +80,9 @@ class Sighting:
         Vertex at which each carrier stands, where it stands at one.
     placement : Placement or None
         Which words carriers may hold, where their shapes tell.
+    decisive : float
+        Evidence that a chip must exceed to count as a bit, in [0, 1), in bit error rates; all of
+        it counts in verdicts.
     """
 
     soft: NDArray[np.floating[Any]]
@@ -87,6 +90,7 @@ class Sighting:
     descriptors: FloatArray
     vertices: IntArray | None = None
     placement: Placement | None = None
+    decisive: float = 0.0
 
 
 def sighting_of(carriers: Sequence[Carrier], strength: float) -> Sighting:

@@ -15,6 +15,7 @@ from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence, Strand
+from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.parallel import ordered_map
 from meshmark.restoration import unsmooth
@@ -133,6 +134,8 @@ class Extraction:
     ) -> Evidence:
         """Measure the frames that were not yet, and return the evidence of them all.
 
+        A joint scheme is not shown frames that are mere blends of their neighbours.
+
         Raises
         ------
         CapacityError
@@ -141,6 +144,8 @@ class Extraction:
             If a frame cannot be read.
         """
         wanted = self.restorations if restorations is None else restorations
+        if isinstance(self.scheme, JointScheme):
+            frames = own_poses(self.animation, frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
         done = len(frames) - len(missing)
@@ -173,6 +178,7 @@ class Extraction:
             times=self.animation.times[list(frames)],
             strands=kept,
             tracked=self.animation.constant_topology,
+            decisive=max(s.decisive for s in self._seen.values() if s is not None),
         )
 
     def _strand(self, frames: Sequence[int], restored: int, n_wanted: int) -> Strand | None:

@@ -111,6 +111,8 @@ class Evidence:
     tracked : bool
         Whether a carrier is the same in all frames because its vertices are. If not, carriers
         of different frames were matched by what they look like, which can go wrong.
+    decisive : float
+        Evidence that a chip must exceed to count as a bit in bit error rates.
     """
 
     prim: str
@@ -119,6 +121,7 @@ class Evidence:
     times: FloatArray
     strands: tuple[Strand, ...]
     tracked: bool = True
+    decisive: float = 0.0
 
     @property
     def held(self) -> BoolArray:
@@ -157,5 +160,4 @@ class Evidence:
     def select(self, frames: Sequence[int]) -> Evidence:
         """Keep some frames."""
         strands = tuple(strand.select(frames) for strand in self.strands)
-        times = self.times[list(frames)]
-        return Evidence(self.prim, self.scheme, self.n_words, times, strands, self.tracked)
+        return replace(self, times=self.times[list(frames)], strands=strands)

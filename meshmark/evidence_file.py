@@ -72,6 +72,7 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
                 "scheme": item.scheme,
                 "n_words": item.n_words,
                 "tracked": item.tracked,
+                "decisive": item.decisive,
                 "strands": strands,
             }
         )
@@ -152,6 +153,7 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
         times=times,
         strands=strands,
         tracked=bool(described["tracked"]),
+        decisive=_checked_decisive(described.get("decisive", 0.0)),
     )
 
 
@@ -172,6 +174,13 @@ def _check(placement: Placement, strand: Strand, n_words: int) -> None:
     place = placement.place[~np.isnan(placement.place)]
     if n_words < WINDOW or not np.all((place >= 0.0) & (place <= n_words - 1)):
         raise ValueError("place")
+
+
+def _checked_decisive(value: Any) -> float:
+    decisive = float(value)
+    if not 0.0 <= decisive < 1.0:
+        raise ValueError("decisive")
+    return decisive
 
 
 def _checked_steps(steps: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,6 +17,7 @@ from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, 
 from meshmark_plugins.schemes.apex.readings import (
     GAIN,
     HOST,
+    LEAST_BORDER,
     LEAST_COUNT,
     OFFSETS,
     STRAY,
@@ -23,6 +26,7 @@ from meshmark_plugins.schemes.apex.readings import (
     measure,
     phase,
     soften,
+    worth,
 )
 from meshmark_plugins.schemes.apex.survey import measure_from
 from meshmark_plugins.schemes.apex.units import phase_of, units
@@ -40,7 +44,7 @@ def profile_at(cells, weight=1.0, square=1.0, area=0.0):
     """One anchor's profile with vertices in some cells, over a surface of even area."""
     w, q = np.zeros((2, 1, B))
     w[0, cells], q[0, cells] = weight, square
-    return Profiles(w, q, np.full((1, B), area))
+    return Profiles(w, q, np.full((1, B), area), np.zeros((1, B)))
 
 
 def test_phase_vanishes_at_both_ends_and_has_no_mean():
@@ -63,9 +67,9 @@ def test_vertices_at_one_place_of_a_bin_give_its_phase_there(k):
 
 def test_the_phase_of_the_surface_is_taken_off():
     profiles = profile_at(FIRST + 3 * CELLS + 7)
-    even = measure(Profiles(profiles.weight, profiles.square, np.ones((1, B))), K, *PLAIN)[0]
+    even = measure(replace(profiles, area=np.ones((1, B))), K, *PLAIN)[0]
     np.testing.assert_allclose(even, measure(profiles, K, *PLAIN)[0], atol=1e-12)
-    same = Profiles(profiles.weight, profiles.square, 4.0 * profiles.weight)
+    same = replace(profiles, area=4.0 * profiles.weight)
     np.testing.assert_allclose(measure(same, K, *PLAIN)[0], 0.0, atol=1e-12)
 
 
@@ -76,11 +80,41 @@ def test_the_anchor_s_own_bin_and_what_lies_beyond_the_last_count_for_nothing():
     assert not n.any()
 
 
+def test_a_chip_that_the_border_runs_through_is_believed_less():
+    profiles = profile_at(np.arange(B))
+    assert np.all(worth(profiles, K, WIDTH, *PLAIN) == 1.0)
+    for k in (0, 5, K - 1):
+        bin_k = slice(FIRST + k * CELLS, FIRST + (k + 1) * CELLS)
+        for length, cut in ((2.0, True), (1.0, False)):
+            border = np.zeros((1, B))
+            border[0, bin_k] = length * WIDTH / CELLS
+            factors = worth(replace(profiles, border=border), K, WIDTH, *PLAIN)[0, 0]
+            np.testing.assert_array_equal(factors != 1.0, cut & (np.arange(K) == k))
+            assert np.all((factors > 0.0) & (factors <= 1.0))
+
+
+def test_how_far_chips_are_believed_follows_the_readings():
+    rng = np.random.default_rng(0)
+    border = np.zeros((1, B))
+    border[0, rng.choice(B, 40)] = 0.4 * WIDTH
+    found = worth(replace(profile_at([]), border=border), K, WIDTH, SCALES, OFFSETS)[:, 0]
+    middles = (np.arange(B) + 0.5) / CELLS
+    for r, factors in enumerate(found):
+        scale, offset = SCALES[r // len(OFFSETS)], OFFSETS[r % len(OFFSETS)]
+        x = np.floor(middles * scale + offset - 1.0)
+        length = np.array([scale * border[0, x == k].sum() for k in range(K)])
+        clear = np.abs(length - LEAST_BORDER * WIDTH) > 1e-9
+        np.testing.assert_array_equal(
+            (factors < 1.0)[clear], (length >= LEAST_BORDER * WIDTH)[clear]
+        )
+
+
 def read(x, w):
     """Chips of vertices of weights w at distances x, in bins."""
     cells = (x * CELLS).astype(int)
     weight, square = (np.bincount(cells, v, B)[None, :B] for v in (w, w**2))
-    return measure(Profiles(weight, square, np.zeros((1, B))), K, SCALES, OFFSETS)[0][:, 0]
+    nothing = np.zeros((1, B))
+    return measure(Profiles(weight, square, nothing, nothing), K, SCALES, OFFSETS)[0][:, 0]
 
 
 @settings(max_examples=20, deadline=None)

@@ -9,6 +9,7 @@ from meshmark.errors import CapacityError
 from meshmark.geometry import face_areas, vertex_areas
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import icosphere, plane, revolution, torus
+from meshmark.topology import boundary_edges
 from meshmark_plugins.geodesics.heat import HeatSolver
 from meshmark_plugins.schemes.apex.density import STEEPEST, cotangent_weights, stiffness, whitening
 from meshmark_plugins.schemes.apex.profile import CELLS, profiles_of, vertex_weights
@@ -172,6 +173,26 @@ def test_all_area_and_all_weights_within_reach_are_counted_once(ball):
     np.testing.assert_array_equal(some.area, whole.area[:, : 5 * CELLS])
     within = near.H < 5 * WIDTH
     np.testing.assert_allclose(some.weight.sum(axis=1), within @ weights)
+
+
+def test_the_border_lies_where_it_is_and_is_as_long_as_it_is(ball):
+    near, weights = ball
+    assert not profiles_of(near, weights, WIDTH, B).border.any()
+    # What is left of the ball above a plane has a circle for a border, all at one distance.
+    V, F = icosphere(5)
+    upper = F[np.all(V[F, 2] > 0.3, axis=1)]
+    used, upper = np.unique(upper, return_inverse=True)
+    V, top = V[used], int(np.argmax(V[used, 2]))
+    (near,) = measure_from(V, upper.reshape(-1, 3), np.array([top]))
+    weights = vertex_weights(near, WIDTH)
+    border = profiles_of(near, weights, WIDTH, 40 * CELLS).border[0]
+    rim = boundary_edges(near.piece.faces)
+    length = np.linalg.norm(near.V[rim[:, 0]] - near.V[rim[:, 1]], axis=1).sum()
+    assert border.sum() == pytest.approx(length / near.unit)
+    where = np.flatnonzero(border) * WIDTH / CELLS
+    angle = np.arccos(near.V[rim[:, 0], 2])
+    assert where.min() >= angle.min() / near.unit - 2.0 * WIDTH
+    assert where.max() <= angle.max() / near.unit + 2.0 * WIDTH
 
 
 def test_chips_of_an_even_mesh_are_small_and_count_its_vertices(ball):

@@ -54,6 +54,23 @@ def test_perfect_evidence_is_found_in_any_order_of_the_parts() -> None:
     assert judge(evidence(words[[5, 0, 3, 7]], n_words=8), OTHER).log10_p > -2
 
 
+def test_chips_that_say_too_little_are_no_bits() -> None:
+    rng = np.random.default_rng(5)
+    words = rng.choice([-1, 1], size=(2, 16))
+    # Clear where right, and feeble where wrong.
+    soft = 0.9 * words.astype(float)
+    soft[:, :3] = -0.3 * words[:, :3]
+    strand = Strand.of(soft[None, None], np.zeros(1))
+    item = Evidence("/A", "apex", 2, np.zeros(1), (strand,))
+    assert bit_errors(item, words).maximum == pytest.approx(3 / 16)
+    assert bit_errors(replace(item, decisive=1 / 3), words).maximum == 0.0
+    assert bit_errors(replace(item, decisive=0.25), words).maximum == pytest.approx(3 / 16)
+    # And a part of too few bits is left out.
+    soft[:, :9] *= 0.3
+    few = replace(item, strands=(Strand.of(soft[None, None], np.zeros(1)),), decisive=1 / 3)
+    assert np.isnan(bit_errors(few, words).per_frame).all()
+
+
 def test_bit_errors_take_the_best_part_of_each_frame() -> None:
     words = KEY.words("tsai2014", 2, 16)
     value = np.tile(words.astype(float), (2, 1, 1))

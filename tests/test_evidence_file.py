@@ -30,7 +30,7 @@ def stored() -> StoredEvidence:
             soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5)), placements(3, 2)
         ),
     )
-    item = Evidence("/A", "apex", 8, np.array([1.0, 2.5]), strands, tracked=False)
+    item = Evidence("/A", "apex", 8, np.array([1.0, 2.5]), strands, tracked=False, decisive=0.25)
     files = (("a.usd", "0" * 64),)
     return StoredEvidence(files, [{"scheme": {"name": "apex"}}], "1:3", (item,), ("a note",))
 
@@ -42,6 +42,7 @@ def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
     assert loaded.recipes == stored.recipes
     [old], [new] = stored.items, loaded.items
     assert (new.prim, new.scheme, new.n_words, new.tracked) == ("/A", "apex", 8, False)
+    assert new.decisive == 0.25
     np.testing.assert_array_equal(new.times, old.times)
     for before, after in zip(old.strands, new.strands, strict=True):
         assert (after.restored, after.log_belief) == (before.restored, before.log_belief)

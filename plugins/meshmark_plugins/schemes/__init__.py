@@ -12,7 +12,7 @@ APEX_DEFAULTS: dict[str, Any] = {
     "words": 8,
     "strength": 0.36,
     "max_mrms": 2.2e-4,
-    "hold": 8,
+    "hold": 4,
 }
 
 TSAI2014_DEFAULTS: dict[str, Any] = {

@@ -26,13 +26,16 @@ from meshmark_plugins.schemes.apex.tuning import Tuning
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Poses looked at for each key frame, in turns of every `TURNS`-th: chips change from one pose to
-# the next by as much as a mark moves them, so that each pose left out is one badly served.
-POSES, TURNS = 20, 2
+# Poses looked at for each key frame: chips change from one pose to the next by as much as a mark
+# moves them, so that each pose left out is one badly served.
+POSES = 20
 # Rounds of measuring and solving at the first key frame, and at those that start from it.
 FIRST_ROUNDS, LATER_ROUNDS = 4, 2
+# How far a round goes from the displacement it measured to the one it found. Chips follow moves
+# in proportion only nearby: whole steps overshoot, and the rounds swing to and fro.
+STEP = 0.5
 # Length beyond which moves become dear, in bins.
-REACH = 0.15
+REACH = 0.25
 # Fewer chips than this could not prove anything at one in a million, readings and words paid.
 FEWEST_CHIPS = 40
 # Frames whose distortion is measured, and points of the surface, to keep within the limit.
@@ -158,13 +161,11 @@ def _solve(
     for near in measure_from(cover.V, cover.F, ask.layout.anchors):
         energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
     folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
-    demands: dict[int, Demand] = {}
-    turns = min(TURNS, len(poses))
-    for turn in range(rounds):
-        group = poses[turn % turns :: turns]
-        demands.update(zip(group, workers.map([(t, d) for t in group]), strict=True))
-        d = displacement(list(demands.values()), energy, REACH * width, d)
-        d = folds.ironed(d)
+    for _ in range(rounds):
+        demands = list(workers.map([(t, d) for t in poses]))
+        found = displacement(demands, energy, REACH * width, d)
+        step = STEP if d.any() else 1.0
+        d = folds.ironed(d + step * (found - d))
     return d * np.repeat(_shares(cover, points, d), 3)
 
 

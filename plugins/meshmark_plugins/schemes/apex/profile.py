@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.geometry import face_areas
+from meshmark.topology import boundary_edges
 from meshmark_plugins.schemes.apex.density import whitening
 from meshmark_plugins.schemes.apex.survey import Neighbourhood
 
@@ -19,6 +20,8 @@ CELLS = 32
 # Four points of a triangle, in barycentric coordinates, that stand for its area.
 _SPREAD = np.array([[1 / 3, 1 / 3, 1 / 3], [2 / 3, 1 / 6, 1 / 6], [1 / 6, 2 / 3, 1 / 6]])
 SPREAD: FloatArray = np.concatenate([_SPREAD, [[1 / 6, 1 / 6, 2 / 3]]])
+# Four points of an edge that stand for its length.
+ALONG: FloatArray = np.array([[7 / 8, 1 / 8], [5 / 8, 3 / 8], [3 / 8, 5 / 8], [1 / 8, 7 / 8]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +34,14 @@ class Profiles:
         Sum over the vertices in each cell of their weight, and of its square.
     area : (C, B) float64
         Area of the surface in each cell, in squares of the unit of distance.
+    border : (C, B) float64
+        Length of the surface's border in each cell, in the unit of distance.
     """
 
     weight: FloatArray
     square: FloatArray
     area: FloatArray
+    border: FloatArray
 
     def area_within(self, radii: FloatArray) -> FloatArray:
         """Area nearer to each anchor than some radii (G,), given in bins, (G, C)."""
@@ -66,19 +72,24 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
     F = near.piece.faces
     areas = face_areas(near.V, F) / near.unit**2
     quarter = np.repeat(areas / len(SPREAD), len(SPREAD))
-    rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    rim = boundary_edges(F)
+    lengths = np.linalg.norm(near.V[rim[:, 0]] - near.V[rim[:, 1]], axis=1) / near.unit
+    quarters = np.repeat(lengths / len(ALONG), len(ALONG))
+    rows: list[tuple[FloatArray, ...]] = []
     for H in near.H:
-        own = (H * (CELLS / width)).astype(np.int64)
-        spread = (H[F] @ SPREAD.T * (CELLS / width)).astype(np.int64).ravel()
+        own, spread, along = (
+            (distances * (CELLS / width)).astype(np.int64).ravel()
+            for distances in (H, H[F] @ SPREAD.T, H[rim] @ ALONG.T)
+        )
         rows.append(
             (
                 _histogram(own, weights, n_cells),
                 _histogram(own, weights**2, n_cells),
                 _histogram(spread, quarter, n_cells),
+                _histogram(along, quarters, n_cells),
             )
         )
-    weight, square, area = (np.array(column) for column in zip(*rows, strict=True))
-    return Profiles(weight, square, area)
+    return Profiles(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _histogram(cells: IntArray, values: FloatArray, n_cells: int) -> FloatArray:

@@ -37,6 +37,10 @@ LEAST_COUNT = 12.0
 # that sin has for n vertices strewn at random, STRAY what attacks add whatever n is.
 GAIN, STRAY, HOST = 0.08, 0.05, 0.5
 
+# A cut that crosses a bin leaves at least two widths of border in it. From this many widths on,
+# part of the bin may be missing, and what is left says so much less.
+LEAST_BORDER, CUT_WORTH = 1.5, 0.3
+
 
 @dataclass(frozen=True, eq=False)
 class Guesses:
@@ -133,6 +137,31 @@ def measure(
     tilt, even = map(bins.phased, (profiles.weight, profiles.area))
     s = _ratio(tilt, weight) - _ratio(even, area)
     return s, _ratio(weight**2, square)
+
+
+def worth(
+    profiles: Profiles, n_bins: int, width: float, scales: FloatArray, offsets: FloatArray
+) -> FloatArray:
+    """How far the chips of bins are to be believed that the surface's border runs through.
+
+    Parameters
+    ----------
+    profiles, n_bins, scales, offsets
+        As for `measure`.
+    width : float
+        Width of a bin.
+
+    Returns
+    -------
+    (G O, C, K) float64
+        Factors to the evidence, in (0, 1].
+    """
+    if not profiles.border.any():
+        return np.ones(())
+    bins = _Bins(profiles.weight.shape[1], n_bins, scales, offsets)
+    border = bins.sums(profiles.border) * np.repeat(scales, len(offsets))[:, None, None]
+    factors: FloatArray = np.where(border >= LEAST_BORDER * width, CUT_WORTH, 1.0)
+    return factors
 
 
 class _Bins:

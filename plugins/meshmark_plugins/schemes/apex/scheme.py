@@ -18,7 +18,14 @@ from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.places import N_WORDS, bulk, place_of
 from meshmark_plugins.schemes.apex.plan import SurfacePlan, plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import OFFSETS, Guesses, cells_needed, measure, soften
+from meshmark_plugins.schemes.apex.readings import (
+    OFFSETS,
+    Guesses,
+    cells_needed,
+    measure,
+    soften,
+    worth,
+)
 from meshmark_plugins.schemes.apex.survey import Neighbourhood, survey
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
@@ -27,6 +34,8 @@ IntArray = NDArray[np.int64]
 
 # Anchors beyond the words' number that detection still looks at: some will be false.
 SPARE = 2
+# Evidence of a bit: two to one for it. It is tanh of half the logarithm of such odds.
+DECISIVE = 1.0 / 3.0
 # Belief that an anchor is a false one: where it stands out as little as those that are not
 # marked, where it does as those that are, and on a border, which a cut may have made. How near to
 # a border that is, in root areas.
@@ -57,7 +66,7 @@ class Apex:
         words: int = 8,
         strength: float = 0.36,
         max_mrms: float = 2.2e-4,
-        hold: int = 8,
+        hold: int = 4,
     ) -> None:
         self.tuning = Tuning(bins, width, words, strength, max_mrms, hold)
 
@@ -82,7 +91,8 @@ class Apex:
         for near in nears:
             profiles = profiles_of(near, vertex_weights(near, width), width, cells_needed(K, width))
             scales = guesses.scales(near.unit * (whole / own))
-            soft.append(soften(*measure(profiles, K, scales, OFFSETS)))
+            believed = worth(profiles, K, width, scales, OFFSETS)
+            soft.append(believed * soften(*measure(profiles, K, scales, OFFSETS)))
             place = place_of(bulk(profiles, width, scales))
             places.append(np.repeat(place, len(OFFSETS), axis=0))
             doubts.append(doubts_about(near))
@@ -97,6 +107,7 @@ class Apex:
             ),
             vertices=np.concatenate([near.anchors for near in nears]),
             placement=Placement(np.concatenate(places, axis=1), np.concatenate(doubts)),
+            decisive=DECISIVE,
         )
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:

@@ -1,0 +1,58 @@
+"""Frames that are no poses of their own: straight blends of those before and after.
+
+USD blends linearly between time samples, and so does whoever resamples a copy. Vertices that
+turned about a joint in the original cut the corner in a blend: it shows distances that no pose
+ever had, and nothing that its neighbours do not show better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from meshmark.animation import MeshAnimation
+
+# Farthest that a blend lies from the straight line between its neighbours, as a share of what
+# moves between them: well above rounding to float32, well below what bends in a real motion.
+STRAIGHT = 1e-3
+
+
+def own_poses(animation: MeshAnimation, frames: Sequence[int]) -> list[int]:
+    """Leave out the frames that are blends of those next to them.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Any; without a constant topology nothing is left out.
+    frames : sequence of int
+        Indices of frames.
+
+    Returns
+    -------
+    list of int
+        Those that are poses of their own; `frames` themselves if none is.
+    """
+    if not animation.constant_topology:
+        return list(frames)
+    kept = [t for t in frames if not is_blend(animation, t)]
+    return kept or list(frames)
+
+
+def is_blend(animation: MeshAnimation, index: int) -> bool:
+    """Tell whether a frame lies on the straight line between the one before and the one after.
+
+    A mesh that does not move from one to the other is at rest, not blended.
+    """
+    if not 0 < index < len(animation) - 1:
+        return False
+    times = animation.times[index - 1 : index + 2]
+    if not np.all(np.diff(times) > 0.0):
+        return False
+    before, own, after = (animation[t].points for t in range(index - 1, index + 2))
+    share = (times[1] - times[0]) / (times[2] - times[0])
+    motion = after - before
+    away = np.linalg.norm(own - before - share * motion)
+    resolution = np.finfo(np.float32).eps * np.linalg.norm(own)
+    moved = float(np.linalg.norm(motion))
+    return bool(moved * STRAIGHT > resolution and away <= moved * STRAIGHT)
