@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from meshmark.evidence import STEPS, Evidence, Strand
 from meshmark.placement import WINDOW, Placement
+from meshmark.statistics import reading_promises
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -55,9 +56,9 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     nor wrong: they leave the numerator and the denominator. A part that decides less than half
     of its bits in a frame is left out of that frame.
 
-    Of several readings, the one that fits the words best is taken. Which part holds which word
-    is told by all frames together, where vertices keep their identity. Where they do not, each
-    frame is taken by itself: a part of one frame need not be there in another.
+    Of several readings, the one that speaks most for the words is taken. Which part holds which
+    word is told by all frames together, where vertices keep their identity. Where they do not,
+    each frame is taken by itself: a part of one frame need not be there in another.
     """
     if evidence.tracked or len(words) == 1:
         strand, reading = _best_reading(evidence, words)
@@ -77,10 +78,17 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
 
 
 def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:
-    """Find the strand and reading that agree with the words most."""
+    """Find the strand and reading that speak most for the words.
+
+    Where places tell words, that is where the e-value is highest: the more false carriers there
+    are, the better some word fits each of them by luck.
+    """
     best: tuple[float, Strand, int] = (-np.inf, evidence.strands[0], 0)
     for strand in evidence.strands:
-        score = _fits(strand.pooled, words, strand.placement).max(axis=-1).sum(axis=-1)
+        if strand.placement is not None:
+            score = reading_promises(strand.pooled, strand.belief, words, strand.placement)
+        else:
+            score = _fits(strand.pooled, words, None).max(axis=-1).sum(axis=-1)
         reading = int(np.argmax(score))
         if score[reading] > best[0]:
             best = (float(score[reading]), strand, reading)

@@ -120,6 +120,8 @@ class Extraction:
     ) -> None:
         self.animation, self.scheme, self.name, self.jobs = animation, scheme, scheme_name, jobs
         self._seen: dict[tuple[int, int], Sighting | None] = {}
+        # How many frames the last look was asked for, and how many of them it passed over.
+        self.asked, self.passed_over = 0, 0
 
     @property
     def restorations(self) -> tuple[int, ...]:
@@ -134,7 +136,8 @@ class Extraction:
     ) -> Evidence:
         """Measure the frames that were not yet, and return the evidence of them all.
 
-        A joint scheme is not shown frames that are mere blends of their neighbours.
+        A joint scheme is not shown frames that are mere blends of their neighbours; how many
+        were passed over is kept in `passed_over`.
 
         Raises
         ------
@@ -145,7 +148,8 @@ class Extraction:
         """
         wanted = self.restorations if restorations is None else restorations
         if isinstance(self.scheme, JointScheme):
-            frames = own_poses(self.animation, frames)
+            asked, frames = frames, own_poses(self.animation, frames)
+            self.asked, self.passed_over = len(asked), len(asked) - len(frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
         done = len(frames) - len(missing)

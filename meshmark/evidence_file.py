@@ -36,7 +36,7 @@ class StoredEvidence:
     items : tuple of Evidence
         One for each mesh and scheme that could be measured.
     notes : tuple of str
-        What could not be measured, and why.
+        What was not measured, and why.
     """
 
     files: tuple[tuple[str, str], ...]

@@ -40,7 +40,7 @@ def mean_of_placed(
     """
     n, _, C, W = score.shape
     rows = np.arange(n)[:, None]
-    reading = _promising_readings(score, log_null[:, ::EVERY], log_prior, windows)
+    reading = most_promising(promises(score, log_null, log_prior, windows))[0]
     e = e_values(score[rows, reading][:, :, None], log_null[reading], TILTS)
     log_belief = log_prior[reading][:, None, :, None] - np.log(len(TILTS))
     log_belief = log_belief + np.log(SHIFT_BELIEF)[:, None, None]
@@ -53,11 +53,15 @@ def mean_of_placed(
     return mean
 
 
-def _promising_readings(
+def promises(
     score: FloatArray, log_null: FloatArray, log_prior: FloatArray, windows: Windows
-) -> IntArray:
-    """Find the readings of each key that promise the most, (n, `PROMISING`)."""
-    e = e_values(score[:, :, None], log_null, TILTS[::EVERY])
+) -> FloatArray:
+    """Estimate what each reading adds to the mean of e-values, (n, R), in logarithms.
+
+    Parameters are those of `mean_of_placed`. Words may be held twice here, which is quicker, and
+    enough to tell readings apart.
+    """
+    e = e_values(score[:, :, None], log_null[:, ::EVERY], TILTS[::EVERY])
     each = np.einsum("nrtcw,rcw->nrtc", e, windows.blurred) + windows.doubt[:, None]
-    promise = np.log(each).sum(axis=-1).max(axis=-1) + log_prior
-    return most_promising(promise)[0]
+    promise: FloatArray = np.log(each).sum(axis=-1).max(axis=-1) + log_prior
+    return promise

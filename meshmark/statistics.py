@@ -24,7 +24,7 @@ from scipy.special import logsumexp
 
 from meshmark.assignments import mean_over_assignments
 from meshmark.evalues import LOST, TILTS, e_values, log_cosh, most_promising
-from meshmark.placed_words import mean_of_placed
+from meshmark.placed_words import mean_of_placed, promises
 from meshmark.placement import SHIFT_BELIEF, WINDOW, Placement, Windows
 
 FloatArray = NDArray[np.float64]
@@ -94,11 +94,29 @@ def word_log_e_means(
     return np.concatenate(means).reshape(lead)
 
 
+def reading_promises(
+    S: FloatArray, log_prior: FloatArray, words: IntArray, placement: Placement
+) -> FloatArray:
+    """Estimate how much each reading speaks for one key's words (M, K), (R,), in logarithms.
+
+    Other parameters are those of `word_log_e_means`.
+    """
+    windows = placement.windows(len(words))
+    score, log_null = _scores(S, words[None])
+    return promises(windows.words_of(score), log_null, log_prior, windows)[0]
+
+
+def _scores(S: FloatArray, words: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Sum words (n, M, K) times evidence, (n, R, C, M), and of log cosh, (R, T, C)."""
+    score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
+    log_null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
+    return score, log_null
+
+
 def _mean_of_readings(
     S: FloatArray, log_prior: FloatArray, words: IntArray, windows: Windows | None
 ) -> FloatArray:
-    score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
-    log_null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
+    score, log_null = _scores(S, words)
     if windows is not None:
         return mean_of_placed(windows.words_of(score), log_null, log_prior, windows)
     e = e_values(score[:, :, None], log_null, TILTS)

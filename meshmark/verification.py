@@ -35,7 +35,7 @@ class AssetEvidence:
     n_schemes : int
         Schemes tried.
     notes : tuple of str
-        What could not be measured, and why.
+        What was not measured, and why.
     elapsed_s : float
         Seconds spent measuring.
     """
@@ -93,6 +93,7 @@ def gather(
                 items.append(view.look(chosen, restorations, _told(progress, view)))
             except CapacityError as error:
                 notes.append(_note(view, error))
+            notes.extend(_passed_over(view))
     elapsed = time.perf_counter() - start
     return AssetEvidence(whole.source, tuple(items), len(tried), tuple(notes), elapsed)
 
@@ -108,6 +109,15 @@ def _told(progress: MeshProgress | None, view: Extraction) -> Callable[[int, int
 
 def _note(view: Extraction, error: CapacityError) -> str:
     return f"{view.animation.prim}: {view.name}: {error.message}"
+
+
+def _passed_over(view: Extraction) -> list[str]:
+    if view.passed_over == 0:
+        return []
+    return [
+        f"{view.animation.prim}: {view.name}: {view.passed_over} of {view.asked} frames are "
+        "blends of those beside them, and were passed over"
+    ]
 
 
 def verify(
@@ -205,6 +215,7 @@ def verify_in_looks(
                 best = verdict
             if verdict.verdict == "marked":
                 break
+        notes.extend(note for view in views for note in _passed_over(view))
         if best is not None and best.verdict == "marked":
             break
     assert best is not None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
@@ -90,6 +90,20 @@ def test_nothing_is_measured_twice_by_looks_that_grow() -> None:
     assert len(scheme.seen) == 9
 
 
+def test_blends_are_not_shown_and_are_told_of() -> None:
+    V, F = icosphere(1)
+    # Out and back in straight lines: all but the ends and the turn are blends.
+    out = np.array([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0])
+    moved = V + np.multiply.outer(out, [1.0, 0.0, 0.0])[:, None, :]
+    animation = MeshAnimation.from_arrays(moved, F, times=np.arange(7.0), prim="/Ball")
+    scheme = marked_at([0, 3, 6], 7)
+    for frames in (":", "auto"):
+        found = verify(animation, KEY, recipes=[OracleRecipe(scheme)], frames=frames, fpr=1e-40)
+        [note] = found.notes
+        assert "/Ball: oracle: 4 of 7 frames are blends" in note
+    assert {time for time, _ in scheme.seen} == {0.0, 3.0, 6.0}
+
+
 def test_looks_that_grew_show_what_one_look_shows() -> None:
     grown, scheme = noise_at(range(6)), noise_at(range(6))
     view = Extraction(still(6), grown, NAME)
@@ -130,6 +144,7 @@ def test_looks_share_the_rate_and_the_last_sees_everything() -> None:
     assert (LOOKS[-1].frames, LOOKS[-1].restored) == (None, True)
 
 
+@settings(deadline=None)
 @given(n_frames=st.integers(1, 300))
 def test_a_look_spreads_over_the_frames_there_are(n_frames) -> None:
     before: set[int] = set()
