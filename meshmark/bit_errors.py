@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,25 +56,32 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     nor wrong: they leave the numerator and the denominator. A part that decides less than half
     of its bits in a frame is left out of that frame.
 
-    Of several readings, the one that speaks most for the words is taken. Which part holds which
-    word is told by all frames together, where vertices keep their identity. Where they do not,
-    each frame is taken by itself: a part of one frame need not be there in another.
+    Where vertices keep their identity and there is one reading, which part holds which word is
+    told by all frames together. Otherwise each frame is taken by itself, as the published protocol
+    does: a part of one frame need not be there in another, and of several readings the one that
+    speaks most for the words is taken, which need not be the same in every pose.
     """
-    if evidence.tracked or len(words) == 1:
-        strand, reading = _best_reading(evidence, words)
-        placement = strand.placement and strand.placement.under(reading)
-        fit = _fits(strand.pooled[[reading]], words, placement)[0]
-        steps = strand.steps[:, reading]
-        decided = np.abs(steps.astype(np.int64)) > evidence.decisive * STEPS
-        return _bit_errors(fit, np.where(decided, steps, 0), words)
-    alone = [
-        bit_errors(replace(evidence.select([t]), tracked=True), words)
-        for t in range(len(evidence.times))
-    ]
+    if len(words) == 1 or (evidence.tracked and _read_in_one_way(evidence)):
+        return _errors_of(evidence, words)
+    alone = [_errors_of(evidence.select([t]), words) for t in range(len(evidence.times))]
     return BitErrors(
         per_frame=np.concatenate([errors.per_frame for errors in alone]),
         best_part=np.concatenate([errors.best_part for errors in alone]),
     )
+
+
+def _read_in_one_way(evidence: Evidence) -> bool:
+    return len(evidence.strands) == 1 and len(evidence.strands[0].log_prior) == 1
+
+
+def _errors_of(evidence: Evidence, words: IntArray) -> BitErrors:
+    """Compare the bits of frames whose parts hold the same words, in one reading."""
+    strand, reading = _best_reading(evidence, words)
+    placement = strand.placement and strand.placement.under(reading)
+    fit = _fits(strand.pooled[[reading]], words, placement)[0]
+    steps = strand.steps[:, reading]
+    decided = np.abs(steps.astype(np.int64)) > evidence.decisive * STEPS
+    return _bit_errors(fit, np.where(decided, steps, 0), words)
 
 
 def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:

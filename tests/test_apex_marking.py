@@ -16,7 +16,7 @@ from meshmark.keys import Key
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
-from meshmark_plugins.schemes.apex.consensus import lasting_anchors
+from meshmark_plugins.schemes.apex.consensus import anchors_in_poses, lasting_anchors, seen
 from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.plan import (
     POSES,
@@ -142,6 +142,24 @@ def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
     # Of 16 at the very best.
     assert np.diag(after).min() > 8.0
     assert np.abs(before).max() < 6.0
+
+
+def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
+    heights = np.tile(AT_REST, (3, 1))
+    # In the last pose, the first horn is gone.
+    heights[2, 0] = 0.0
+    animation = horned(heights)
+    tips = lasting_anchors(horned(AT_REST), 5, 1)
+    # Usual vertices beside the tips.
+    V = animation[0].points
+    beside = np.linalg.norm(V[tips][:, None] - V, axis=2).argsort(axis=1)[:, 1]
+    found = anchors_in_poses(animation, beside, [0, 2], 1)
+    assert sorted(found) == [0, 2]
+    np.testing.assert_array_equal(found[0], tips)
+    first = int(np.argmax(V[tips] @ HORNS[0]))
+    shown = seen(animation[2].points, animation[2].faces)[0]
+    for c in range(5):
+        assert found[2][c] == beside[c] if c == first else found[2][c] in shown
 
 
 @pytest.fixture(scope="module")

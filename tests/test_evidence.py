@@ -10,6 +10,7 @@ from meshmark.carrier import Carrier, measure, sighting_of
 from meshmark.evidence import Evidence, Strand
 from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
+from meshmark.placement import Placement
 from meshmark.statistics import word_log_e_means
 from meshmark.verdict import decide
 
@@ -93,6 +94,18 @@ def test_untracked_frames_are_taken_each_by_itself() -> None:
     tracked, untracked = bit_errors(item, words), bit_errors(replace(item, tracked=False), words)
     np.testing.assert_allclose(untracked.per_frame, 0.0)
     assert tracked.maximum > 0.2
+
+
+def test_every_frame_is_read_in_its_own_way() -> None:
+    rng = np.random.default_rng(3)
+    words = KEY.words("apex", 8, 16)
+    soft = rng.uniform(-0.9, 0.9, size=(4, 3, 2, 16))
+    for t, reading in enumerate([0, 2, 1, 2]):
+        soft[t, reading] = 0.9 * words[[3, 5]]
+    where = Placement(np.tile([3.0, 5.0], (3, 1)), np.full(2, 0.1))
+    strand = Strand.of(soft, np.full(3, -np.log(3.0)), placements=(where,) * 4)
+    item = Evidence("/A", "apex", 8, np.arange(4.0), (strand,))
+    np.testing.assert_array_equal(bit_errors(item, words).per_frame, 0.0)
 
 
 def test_erasures_count_neither_way_and_mostly_erased_parts_not_at_all() -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from meshmark.animation import MeshAnimation, Topology
 from meshmark.errors import CapacityError
@@ -99,6 +102,43 @@ def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
     kept = vertices[lasting & clear]
     order = np.argsort(-persistence[lasting & clear], kind="stable")
     return _survivors(first.topology, V, F, kept[order], near)[:most]
+
+
+def anchors_in_poses(
+    animation: MeshAnimation, anchors: IntArray, frames: Sequence[int], jobs: int
+) -> dict[int, IntArray]:
+    """Find where anchors are seen in each of some poses.
+
+    A tip is blunt, and its middle is one vertex in one pose and a neighbour in the next: a copy
+    shows the one of its pose, and distances count from there.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Frames as analysis sees them, of one topology.
+    anchors : (C,) int
+        Vertices where anchors usually are.
+    frames : sequence of int
+        The poses.
+    jobs : int
+        Worker processes.
+
+    Returns
+    -------
+    dict of (C,) int
+        Vertices, by frame; the usual one where an anchor is not seen.
+    """
+    first = animation[0]
+    near = NEAR * float(np.sqrt(face_areas(first.points, first.faces).sum()))
+    sightings = ordered_map(FindAnchors(animation), frames, jobs=jobs)
+    found = {}
+    for t, (vertices, _) in zip(frames, sightings, strict=True):
+        gaps = cdist(first.points[anchors], first.points[vertices])
+        own, theirs = linear_sum_assignment(np.minimum(gaps, 2.0 * near))
+        is_near = gaps[own, theirs] <= near
+        found[t] = anchors.copy()
+        found[t][own[is_near]] = vertices[theirs[is_near]]
+    return found
 
 
 def _clusters(

@@ -13,7 +13,7 @@ from meshmark.parallel import Workers
 from meshmark.restraint import restrain
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import surface_distance
-from meshmark_plugins.schemes.apex.consensus import lasting_anchors
+from meshmark_plugins.schemes.apex.consensus import anchors_in_poses, lasting_anchors
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds
@@ -118,12 +118,13 @@ def plan_animation(
     layout = require_capacity(animation, tuning, jobs)
     first = animation[0]
     cover = Cover(first.points, first.faces)
-    ask = AskPose(animation, cover, layout, words[layout.words], tuning)
     keys = key_frames(len(animation), tuning.hold)
+    posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
+    anchors = anchors_in_poses(animation, layout.anchors, sorted(set().union(*posed)), jobs)
+    ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
     solved: list[FloatArray] = []
     with Workers(ask, min(jobs, POSES, len(animation))) as workers:
-        for j in range(len(keys)):
-            poses = poses_about(keys, j, len(animation))
+        for poses in posed:
             start = solved[-1] if solved else np.zeros(first.points.size)
             rounds = LATER_ROUNDS if solved else FIRST_ROUNDS
             solved.append(_solve(animation, ask, workers, poses, start, rounds))
@@ -158,7 +159,8 @@ def _solve(
     points = [animation[t].points for t in poses]
     carried = [(P, cover.deformation.gradients(P)) for P in points]
     energy = energy_over_poses(carried, cover.V, cover.F, width)
-    for near in measure_from(cover.V, cover.F, ask.layout.anchors):
+    guarded_vertices = np.unique(np.concatenate([ask.anchors[t] for t in poses]))
+    for near in measure_from(cover.V, cover.F, guarded_vertices):
         energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
     folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
     for _ in range(rounds):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -99,6 +100,8 @@ class AskPose:
         Word of each anchor.
     tuning : Tuning
         Bins and strength.
+    anchors : mapping of (C,) int
+        Where the anchors are seen in each pose, by frame.
     """
 
     animation: MeshAnimation
@@ -106,13 +109,14 @@ class AskPose:
     layout: Layout
     words: IntArray
     tuning: Tuning
+    anchors: Mapping[int, IntArray]
 
     def __call__(self, work: tuple[int, FloatArray]) -> Demand:
         """Lay a displacement over frame `index`, and see what its chips still want."""
         index, d = work
         P, F = self.animation[index].points, self.cover.F
         X, _ = self.cover.laid(P, d, ClosestPoints(P, F))
-        s, n, J = self._chips(X, F)
+        s, n, J = self._chips(X, F, replace(self.layout, anchors=self.anchors[index]))
         right = self.words * s
         held = n >= LEAST_COUNT
         G = self.cover.deformation.gradients(P)
@@ -124,12 +128,14 @@ class AskPose:
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
         return Demand(J, lacking + J @ d, target.ravel(), PRICE * self.tuning.width**2 * worth)
 
-    def _chips(self, X: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, csr_matrix]:
+    def _chips(
+        self, X: FloatArray, F: IntArray, layout: Layout
+    ) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
         K, width = self.tuning.bins, self.tuning.width
-        measured = self.layout.measured(X, F)
+        measured = layout.measured(X, F)
         found = [
-            self._one_piece(near, float(self.layout.units[rows[0]]), K, width, len(X))
+            self._one_piece(near, float(layout.units[rows[0]]), K, width, len(X))
             for rows, near in measured
         ]
         order = np.argsort(np.concatenate([rows for rows, _ in measured]), kind="stable")

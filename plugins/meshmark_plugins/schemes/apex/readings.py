@@ -37,9 +37,9 @@ LEAST_COUNT = 12.0
 # that sin has for n vertices strewn at random, STRAY what attacks add whatever n is.
 GAIN, STRAY, HOST = 0.08, 0.05, 0.5
 
-# A cut that crosses a bin leaves at least two widths of border in it. From this many widths on,
-# part of the bin may be missing, and what is left says so much less.
-LEAST_BORDER, CUT_WORTH = 1.5, 0.3
+# A cut that crosses a bin leaves at least two widths of border in it, one that only enters it
+# less. From so many widths on, vertices are missing, and what is left says so much less.
+LEAST_BORDER, CUT_WORTH = 0.5, 0.4
 
 
 @dataclass(frozen=True, eq=False)
