@@ -33,6 +33,7 @@ APEX = "meshmark_plugins.schemes.apex"
 # the stages of what is called.
 EMBED_STAGES = (
     (f"{APEX}.plan", "require_capacity", "finding lasting anchors"),
+    (f"{APEX}.plan", "anchors_in_poses", "finding anchors in poses"),
     (f"{APEX}.radial", "RadialDistances.__init__", "distances: factors"),
     (f"{APEX}.radial", "RadialDistances.from_vertex", "distances: solves"),
     (f"{APEX}.poses", "AskPose.__call__", "chips and gradients of poses"),
