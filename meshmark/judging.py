@@ -56,15 +56,14 @@ def judge_best(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -
     The search among them is not paid for here: its price is for the caller to add.
     """
     words = np.array([evidence.words(key, recipient) for recipient in recipients])
-    log10_p = log10_p_of(evidence, words)
+    log10_p, alone = _judged(evidence, words)
     best = int(np.argmin(log10_p))
-    frames = range(len(evidence.times))
+    if best not in alone:
+        alone[best] = _alone(evidence, words[[best]])[:, 0]
     return Finding(
         recipient=recipients[best],
         log10_p=float(log10_p[best]),
-        log10_p_per_frame=np.array(
-            [min(0.0, float(_pooled_log10_p(evidence.select([t]), words[best]))) for t in frames]
-        ),
+        log10_p_per_frame=np.minimum(0.0, alone[best]),
         errors=bit_errors(evidence, words[best]),
     )
 
@@ -88,17 +87,26 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
     itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
     of those whose words fit all frames together best; for the others it counts as 0.
     """
+    return _judged(evidence, words)[0]
+
+
+def _judged(evidence: Evidence, words: IntArray) -> tuple[FloatArray, dict[int, FloatArray]]:
+    """Bound log10 p of words, (n,), and tell what frames say by themselves of those listed."""
     together = _pooled_log10_p(evidence, words)
     if evidence.n_words == 1 or len(evidence.times) == 1:
-        return np.minimum(0.0, together)
+        return np.minimum(0.0, together), {}
     shared = together - np.log10(TOGETHER)
     listed = np.argsort(together, kind="stable")[:SHORT_LIST]
-    alone = np.array(
-        [_pooled_log10_p(evidence.select([t]), words[listed]) for t in range(len(evidence.times))]
-    )
+    alone = _alone(evidence, words[listed])
     mean = logsumexp(-alone * np.log(10.0), axis=0) + np.log((1.0 - TOGETHER) / len(alone))
     shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
-    return np.minimum(0.0, shared)
+    return np.minimum(0.0, shared), dict(zip(listed.tolist(), alone.T, strict=True))
+
+
+def _alone(evidence: Evidence, words: IntArray) -> FloatArray:
+    """Bound log10 p of words (n, M, K) from each frame by itself, (T, n)."""
+    frames = range(len(evidence.times))
+    return np.array([_pooled_log10_p(evidence.select([t]), words) for t in frames])
 
 
 def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
