@@ -132,7 +132,7 @@ def mark_file(
         "recipient": recipient,
         "frames": frames,
         "plugins": recipe.as_json(),
-        "prims": _prims(marked, verdict),
+        "prims": _prims(marked, verdict, jobs),
         "skipped": [{"prim": prim, "reason": reason} for prim, reason in skipped],
         "verification": {
             "verdict": verdict.verdict,
@@ -189,17 +189,20 @@ def _source(original: Asset, target: Path) -> dict[str, Any]:
     }
 
 
-def _prims(marked: MarkedAsset, verdict: Verdict) -> list[dict[str, Any]]:
+def _prims(marked: MarkedAsset, verdict: Verdict, jobs: int) -> list[dict[str, Any]]:
     verdicts = {prim.prim: prim for prim in verdict.prims}
     return [
-        _prim(marked.original, mesh, verdicts.get(mesh.animation.prim)) for mesh in marked.meshes
+        _prim(marked.original, mesh, verdicts.get(mesh.animation.prim), jobs)
+        for mesh in marked.meshes
     ]
 
 
-def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None) -> dict[str, Any]:
+def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int) -> dict[str, Any]:
     first, chosen = mesh.original[0], mesh.embedded.frames
     uv = texture_coordinates(asset, mesh.original.prim)
-    found = distortion(mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv)
+    found = distortion(
+        mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv, jobs=jobs
+    )
     told = None if verdict is None else verdict.as_json()
     kept = ("verdict", "log10_p", "chips", "ber")
     return {

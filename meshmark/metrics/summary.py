@@ -14,6 +14,7 @@ from meshmark.errors import UsageError
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
 from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.texture import texture_drift
+from meshmark.parallel import ordered_map
 from meshmark.surface_distance import surface_distance
 
 FloatArray = NDArray[np.float64]
@@ -74,6 +75,7 @@ def distortion(
     uv: FloatArray | None = None,
     samples: int | None = None,
     seed: int = 0,
+    jobs: int = 1,
 ) -> Distortion:
     """Measure the distortion of an animation, reading one pair of frames at a time.
 
@@ -88,6 +90,8 @@ def distortion(
         Texture coordinates of the vertices or of the triangles' corners, in every frame.
     samples, seed
         As in `surface_distance`.
+    jobs : int
+        Worker processes.
 
     Raises
     ------
@@ -103,11 +107,11 @@ def distortion(
     chosen = range(len(original)) if frames is None else frames
     if not len(chosen):
         raise UsageError("there is no frame to compare", prim=original.prim)
-    rows = []
+    compare = _CompareFrames(original, marked, uv, samples, seed)
+    rows = list(ordered_map(compare, chosen, jobs=jobs))
     restlessness, trembling = Flicker(), Jitter()
     for index in chosen:
         before, after = original[index], marked[index]
-        rows.append(_frame_distortion(before, after, uv, samples, seed))
         if before.topology.same_as(after.topology):
             displacement = after.points - before.points
             restlessness.add(before.points, displacement, before.faces)
@@ -120,6 +124,21 @@ def distortion(
         flicker_world=restlessness.ratio_world() if shared else math.nan,
         jitter=trembling.ratio() if shared else math.nan,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _CompareFrames:
+    """Compares frame after frame of two animations; picklable, for worker processes."""
+
+    original: MeshAnimation
+    marked: MeshAnimation
+    uv: FloatArray | None
+    samples: int | None
+    seed: int
+
+    def __call__(self, index: int) -> dict[str, float]:
+        pair = self.original[index], self.marked[index]
+        return _frame_distortion(*pair, self.uv, self.samples, self.seed)
 
 
 def _frame_distortion(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,9 @@ from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds
 from meshmark_plugins.schemes.apex.layout import Layout, lay_out
-from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
+from meshmark_plugins.schemes.apex.poses import AskPose, Cover, Question, held_chips
 from meshmark_plugins.schemes.apex.refit import refit
-from meshmark_plugins.schemes.apex.survey import measure_from
+from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -122,12 +123,13 @@ def plan_animation(
     posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
     anchors = anchors_in_poses(animation, layout.anchors, sorted(set().union(*posed)), jobs)
     ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
+    guards = measure_from(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
     solved: list[FloatArray] = []
     with Workers(ask, min(jobs, POSES, len(animation))) as workers:
         for poses in posed:
             start = solved[-1] if solved else np.zeros(first.points.size)
             rounds = LATER_ROUNDS if solved else FIRST_ROUNDS
-            solved.append(_solve(animation, ask, workers, poses, start, rounds))
+            solved.append(_solve(ask, guards, workers, poses, start, rounds))
     plan = SurfacePlan(cover, keys, np.array(solved), len(layout.anchors))
     return within_limit(plan, animation, tuning.max_mrms)
 
@@ -147,39 +149,32 @@ def poses_about(keys: FloatArray, j: int, n_frames: int) -> list[int]:
 
 
 def _solve(
-    animation: MeshAnimation,
     ask: AskPose,
-    workers: Workers[tuple[int, FloatArray], Demand],
+    guards: list[Neighbourhood],
+    workers: Workers[tuple[Question, int, FloatArray], Any],
     poses: list[int],
     d: FloatArray,
     rounds: int,
 ) -> FloatArray:
     """Find the displacement that serves some poses best, (3 N,)."""
     cover, width = ask.cover, ask.tuning.width
-    points = [animation[t].points for t in poses]
+    points = [ask.animation[t].points for t in poses]
     carried = [(P, cover.deformation.gradients(P)) for P in points]
     energy = energy_over_poses(carried, cover.V, cover.F, width)
-    guarded_vertices = np.unique(np.concatenate([ask.anchors[t] for t in poses]))
-    for near in measure_from(cover.V, cover.F, guarded_vertices):
-        energy.blocks[near.piece.vertices] *= guarded(near.H)[:, None, None]
+    shown = np.concatenate([ask.anchors[t] for t in poses])
+    for near in guards:
+        H = near.H[np.isin(near.anchors, shown)]
+        energy.blocks[near.piece.vertices] *= guarded(H)[:, None, None]
     folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
     for _ in range(rounds):
-        demands = list(workers.map([(t, d) for t in poses]))
+        demands: list[Demand] = list(workers.map([("demand", t, d) for t in poses]))
         found = displacement(demands, energy, REACH * width, d)
         step = STEP if d.any() else 1.0
         d = folds.ironed(d + step * (found - d))
-    return d * np.repeat(_shares(cover, points, d), 3)
-
-
-def _shares(cover: Cover, poses: list[FloatArray], d: FloatArray) -> FloatArray:
-    """Find the share of its move that every pose leaves each vertex, (N,).
-
-    What one pose would have to hold back is held back in all: a move that comes and goes is
-    seen, one that is shorter is not.
-    """
-    shares = [cover.laid(P, d, ClosestPoints(P, cover.F))[1] for P in poses]
-    least: FloatArray = np.min(shares, axis=0)
-    return least
+    # What one pose would have to hold back is held back in all: a move that comes and goes is
+    # seen, one that is shorter is not.
+    shares = list(workers.map([("share", t, d) for t in poses]))
+    return d * np.repeat(np.min(shares, axis=0), 3)
 
 
 def within_limit(plan: SurfacePlan, animation: MeshAnimation, max_mrms: float) -> SurfacePlan:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from meshmark_plugins.schemes.apex.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Question = Literal["demand", "share"]
 
 # Price of a chip's shortfall beside moving a vertex by a bin's width; above some 1, chips that
 # contradict each other distort the mesh for nothing.
@@ -111,9 +113,18 @@ class AskPose:
     tuning: Tuning
     anchors: Mapping[int, IntArray]
 
-    def __call__(self, work: tuple[int, FloatArray]) -> Demand:
+    def __call__(self, work: tuple[Question, int, FloatArray]) -> Any:
+        """Answer a question about a frame and a displacement; see the methods of that name."""
+        question, index, d = work
+        return self.share(index, d) if question == "share" else self.demand(index, d)
+
+    def share(self, index: int, d: FloatArray) -> FloatArray:
+        """Find how much of its move frame `index` leaves each vertex, (N,)."""
+        P = self.animation[index].points
+        return self.cover.laid(P, d, ClosestPoints(P, self.cover.F))[1]
+
+    def demand(self, index: int, d: FloatArray) -> Demand:
         """Lay a displacement over frame `index`, and see what its chips still want."""
-        index, d = work
         P, F = self.animation[index].points, self.cover.F
         X, _ = self.cover.laid(P, d, ClosestPoints(P, F))
         s, n, J = self._chips(X, F, replace(self.layout, anchors=self.anchors[index]))
