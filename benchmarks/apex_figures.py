@@ -32,6 +32,7 @@ from meshmark.render import CLAY, View, render_frame
 from meshmark.topology import edges
 from meshmark.welding import Welding
 from meshmark_plugins.schemes.apex.anchors import integral_distance
+from meshmark_plugins.schemes.apex.consensus import Sightings
 from meshmark_plugins.schemes.apex.layout import Layout
 from meshmark_plugins.schemes.apex.plan import plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.poses import chips_about, targets
@@ -81,7 +82,7 @@ def subject_of(source: str | None, azimuth: float) -> Subject:
     animation = creature() if asset is None else asset.meshes[0]
     animation = animation.map(Welding.of(animation[0]).frame)
     scheme, jobs = Apex(), default_jobs()
-    layout = require_capacity(animation, scheme.tuning, jobs)
+    layout = require_capacity(Sightings(animation, jobs), scheme.tuning)
     words = Key(bytes(range(32))).words("apex", scheme.n_words, scheme.n_chips)
     plan = plan_animation(animation, words, scheme.tuning, jobs)
     shown = (0, len(animation) // 3)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.geometry import lengths
 from meshmark.topology import edges
 
 FloatArray = NDArray[np.float64]
@@ -91,7 +92,7 @@ class Deformation:
         images = self._outer_sums(self._edges(V), self._share)
         images = np.where(self._known[:, None, :], images, self._axes[:, :, :2])
         n = np.cross(images[:, :, 0], images[:, :, 1])
-        area = np.linalg.norm(n, axis=1, keepdims=True)
+        area = lengths(n)[:, None]
         n = np.divide(n, np.sqrt(area), out=np.zeros_like(n), where=area > 0)
         gradients: FloatArray = np.concatenate([images, n[:, :, None]], axis=2) @ np.swapaxes(
             self._axes, 1, 2

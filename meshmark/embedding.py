@@ -17,7 +17,7 @@ from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
 from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
 from meshmark.keys import Key
-from meshmark.parallel import ordered_map
+from meshmark.parallel import ordered_map, sharing_workers
 from meshmark.restraint import restrain
 from meshmark.scratch import DisplacedFrames, ScratchFile
 from meshmark.smoothing import smooth, umbrella
@@ -97,6 +97,7 @@ class Embedded:
     carriers: int
 
 
+@sharing_workers
 def embed_animation(
     animation: MeshAnimation,
     scheme: AnyScheme,

@@ -18,10 +18,19 @@ def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:
     return 0.5 * np.cross(b - a, c - a)
 
 
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Compute the lengths of vectors (n, 3), (n,) float64.
+
+    Column by column: numpy's norm takes several times as long over axes this short.
+    """
+    x, y, z = vectors.T
+    length: FloatArray = np.sqrt(x * x + y * y + z * z)
+    return length
+
+
 def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the areas of triangles, (F,) float64."""
-    areas: FloatArray = np.linalg.norm(area_vectors(V, F), axis=1)
-    return areas
+    return lengths(area_vectors(V, F))
 
 
 def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
@@ -31,7 +40,7 @@ def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
 
 def unit(vectors: FloatArray) -> FloatArray:
     """Scale vectors (n, 3) to length 1; those without length stay 0."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = lengths(vectors)[:, None]
     scaled: FloatArray = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > TINY)
     return scaled
 

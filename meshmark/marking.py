@@ -10,6 +10,7 @@ from meshmark.animation import Asset, MeshAnimation
 from meshmark.embedding import Embedded, embed_animation
 from meshmark.errors import CapacityError
 from meshmark.keys import Key
+from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.timeline import frames_in
 
@@ -53,6 +54,7 @@ class MarkedAsset:
         return replace(self.original, meshes=tuple(mesh.animation for mesh in self.meshes))
 
 
+@sharing_workers
 def embed(
     asset: Asset | MeshAnimation,
     key: Key,

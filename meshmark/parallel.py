@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
+import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
-from typing import Any, Generic, TypeVar
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from functools import lru_cache, wraps
+from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar
 
 from meshmark.errors import UsageError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
 
 JOBS_VARIABLE = "MESHMARK_JOBS"
-FEWEST_FOR_WORKERS = 4
+# Starting a worker costs about as much as a few frames.
+FEWEST_FOR_NEW_WORKERS, FEWEST_FOR_WORKERS = 4, 2
 
 
 def default_jobs() -> int:
@@ -49,11 +55,47 @@ def ordered_map(
     """
     work = list(items)
     n_jobs = default_jobs() if jobs is None else jobs
-    # Starting a worker costs about as much as a few frames.
-    with Workers(
-        function, min(n_jobs, len(work)) if len(work) >= FEWEST_FOR_WORKERS else 1
-    ) as workers:
+    running = _shared is not None and _shared.is_running
+    fewest = FEWEST_FOR_WORKERS if running else FEWEST_FOR_NEW_WORKERS
+    with Workers(function, min(n_jobs, len(work)) if len(work) >= fewest else 1) as workers:
         yield from workers.map(work)
+
+
+@contextmanager
+def shared_workers(jobs: int) -> Iterator[None]:
+    """Let everything done in parallel meanwhile share worker processes.
+
+    Starting them, and importing what they need, costs a second or so each time; they start when
+    first needed. Within a block of this kind another one changes nothing.
+
+    Parameters
+    ----------
+    jobs : int
+        Worker processes.
+    """
+    global _shared
+    if jobs == 1 or _shared is not None:
+        yield
+        return
+    _shared = _Pool(jobs)
+    try:
+        yield
+    finally:
+        pool, _shared = _shared, None
+        pool.close()
+
+
+def sharing_workers(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Let all that a function of a keyword argument `jobs` does in parallel share workers."""
+
+    @wraps(function)
+    def sharing(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        jobs = kwargs.get("jobs", 1)
+        assert isinstance(jobs, int)
+        with shared_workers(jobs):
+            return function(*args, **kwargs)
+
+    return sharing
 
 
 class Workers(Generic[Item, Result]):
@@ -64,55 +106,100 @@ class Workers(Generic[Item, Result]):
     function : callable
         Picklable; sent to each worker once.
     jobs : int
-        Worker processes; 1 works in this process.
+        Worker processes, of which each is shared if they are (see `shared_workers`); 1 works in
+        this process.
     """
 
     def __init__(self, function: Callable[[Item], Result], jobs: int) -> None:
         self._function, self._jobs = function, jobs
-        self._stack = ExitStack()
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: _Pool | None = None
+        self._kept: Path | bytes = b""
 
     def __enter__(self) -> Workers[Item, Result]:
         if self._jobs > 1:
-            self._pool = self._stack.enter_context(_pool(self._jobs, self._function))
+            self._pool = _shared or _Pool(self._jobs)
+            self._kept = self._pool.keep(self._function)
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._stack.close()
+        if self._pool is not None and self._pool is not _shared:
+            self._pool.close()
+        elif isinstance(self._kept, Path):
+            self._kept.unlink()
 
     def map(self, items: Iterable[Item]) -> Iterator[Result]:
-        """Apply the function to items, which are consumed only as fast as results are taken."""
+        """Apply the function to items, which are consumed only as fast as results are taken.
+
+        Several threads may do so at a time.
+        """
         if self._pool is None:
             yield from map(self._function, items)
             return
         waiting: deque[Future[Any]] = deque()
-        for item in items:
-            waiting.append(self._pool.submit(_call, item))
-            if len(waiting) > 2 * self._jobs:
+        try:
+            for item in items:
+                waiting.append(self._pool.submit(self._kept, item))
+                if len(waiting) > 2 * self._jobs:
+                    yield waiting.popleft().result()
+            while waiting:
                 yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+        finally:
+            wait([future for future in waiting if not future.cancel()])
 
 
-@contextmanager
-def _pool(n_jobs: int, function: Callable[[Any], Any]) -> Iterator[ProcessPoolExecutor]:
-    # Forking a process in which open3d or pxr has started threads may dead-lock.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(n_jobs, context, initializer=_install, initargs=(function,))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+class _Pool:
+    """Worker processes, and a folder in which they find the functions they are to call."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._count = 0
+        self._executor: ProcessPoolExecutor | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether worker processes have been asked for anything yet."""
+        return self._executor is not None
+
+    def keep(self, function: Callable[[Any], Any]) -> Path | bytes:
+        """Write a function down for the workers; where nothing can be written, keep it as bytes."""
+        pickled = pickle.dumps(function)
+        try:
+            if self._folder is None:
+                self._folder = tempfile.TemporaryDirectory(prefix="meshmark-")
+            self._count += 1
+            path = Path(self._folder.name) / str(self._count)
+            path.write_bytes(pickled)
+        except OSError:
+            return pickled
+        return path
+
+    def submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
+        """Let a worker call a function that was kept."""
+        if self._executor is None:
+            # Forking a process in which open3d or pxr has started threads may dead-lock.
+            context = multiprocessing.get_context("spawn")
+            self._executor = ProcessPoolExecutor(self._jobs, context)
+        return self._executor.submit(_call, kept, item)
+
+    def close(self) -> None:
+        """Let the workers end."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, cancel_futures=True)
+        if self._folder is not None:
+            self._folder.cleanup()
 
 
-_function: Callable[[Any], Any] | None = None
+# Within `shared_workers`, the processes that all share.
+_shared: _Pool | None = None
 
 
-def _install(function: Callable[[Any], Any]) -> None:
-    global _function
-    _function = function
+def _call(kept: Path | bytes, item: Any) -> Any:
+    return _function(kept)(item)
 
 
-def _call(item: Any) -> Any:
-    assert _function is not None
-    return _function(item)
+@lru_cache(maxsize=2)
+def _function(kept: Path | bytes) -> Callable[[Any], Any]:
+    pickled = kept.read_bytes() if isinstance(kept, Path) else kept
+    function: Callable[[Any], Any] = pickle.loads(pickled)
+    return function

@@ -17,6 +17,7 @@ from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, writ
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
+from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.sources import read, texture_coordinates, writer
 from meshmark.validation import check
@@ -30,6 +31,7 @@ Progress = Callable[[str, str, int, int], None]
 TARGET_FPR = 1e-6
 
 
+@sharing_workers
 def mark_file(
     source: str | Path,
     output: str | Path,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.topology import edges
+from meshmark.geometry import lengths
+from meshmark.topology import any_corner, edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -47,7 +48,7 @@ def allowed_shares(
     """Share of its move that `restrain` leaves each vertex, (N,) float64 in [0, 1]."""
     share = np.ones(len(V))
     if np.isfinite(reach):
-        length = np.linalg.norm(moved - V, axis=1)
+        length = lengths(moved - V)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
     tilts = _Tilts(V, moved, F)
@@ -69,18 +70,17 @@ class _Tilts:
 
     def __init__(self, V: FloatArray, moved: FloatArray, F: IntArray) -> None:
         self._V, self._move, self._F = V, moved - V, F
+        self._moved = lengths(self._move) > 0.0
         self._before = face_normals(V, F)
-        self._length = np.linalg.norm(self._before, axis=1)
+        self._length = lengths(self._before)
 
     def offending_corners(self, share: FloatArray, faces: IntArray) -> IntArray:
         """List the corners of those of some faces that offend when moves are shortened so."""
+        faces = faces[any_corner(self._moved & (share > 0.0), self._F[faces])]
         F = self._F[faces]
-        moves = share[:, None] * self._move
-        touched = np.any(moves != 0.0, axis=1)[F].any(axis=1)
-        faces, F = faces[touched], F[touched]
-        after = face_normals(self._V + moves, F)
+        after = normals_of(*(self._V[i] + share[i, None] * self._move[i] for i in F.T))
         dot = np.einsum("ij,ij->i", self._before[faces], after)
-        size = self._length[faces] * np.linalg.norm(after, axis=1)
+        size = self._length[faces] * lengths(after)
         return np.unique(F[dot < LEAST_COSINE * size])
 
 
@@ -88,13 +88,13 @@ def _faces_of(vertices: IntArray, F: IntArray, n_points: int) -> IntArray:
     """List the faces that have one of the vertices for a corner."""
     chosen = np.zeros(n_points, dtype=bool)
     chosen[vertices] = True
-    return np.flatnonzero(chosen[F].any(axis=1))
+    return np.flatnonzero(any_corner(chosen, F))
 
 
 def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
     """Mean length of the edges at each vertex, (N,) float64; 0 for a vertex without edges."""
     E = edges(F)
-    length = np.linalg.norm(V[E[:, 1]] - V[E[:, 0]], axis=1)
+    length = lengths(V[E[:, 1]] - V[E[:, 0]])
     total = np.bincount(E[:, 0], length, len(V)) + np.bincount(E[:, 1], length, len(V))
     degree = np.bincount(E.reshape(-1), minlength=len(V))
     mean: FloatArray = np.divide(total, degree, out=np.zeros(len(V)), where=degree > 0)
@@ -103,5 +103,9 @@ def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
 
 def face_normals(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the normals of triangles, (F, 3) float64, as long as twice the area."""
-    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
+    return normals_of(*(V[i] for i in F.T))
+
+
+def normals_of(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Compute the normals of triangles with corners (F, 3) each, as long as twice the area."""
     return np.cross(b - a, c - a)

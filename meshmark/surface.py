@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.geometry import lengths
 from meshmark.open3d_door import load_open3d
 
 FloatArray = NDArray[np.float64]
@@ -52,21 +53,32 @@ class ClosestPoints:
         weights : (n, 3) float64
             Its barycentric coordinates there.
         """
+        face = self.faces(Q)
+        return face, closest_in_triangle(Q, *self._corners(face))
+
+    def faces(self, Q: FloatArray) -> IntArray:
+        """Find the triangle that is closest to each query, (n,) int."""
         answer = self._scene.compute_closest_points(self._local(Q))
-        face = answer["primitive_ids"].numpy().astype(np.int64)
-        a, b, c = (self._V[self._F[face, k]] for k in range(3))
-        return face, closest_in_triangle(Q, a, b, c)
+        return answer["primitive_ids"].numpy().astype(np.int64)
 
     def points(self, Q: FloatArray) -> FloatArray:
         """Compute the closest point of the surface to each query, (n, 3)."""
-        face, weights = self.find(Q)
-        points: FloatArray = np.einsum("ij,ijk->ik", weights, self._V[self._F[face]])
+        return self.points_in(self.faces(Q), Q)
+
+    def points_in(self, face: IntArray, Q: FloatArray) -> FloatArray:
+        """Compute the point of triangle `face[i]` that is closest to query i, (n, 3)."""
+        a, b, c = self._corners(face)
+        u, v, w = closest_in_triangle(Q, a, b, c).T[:, :, None]
+        points: FloatArray = u * a + v * b + w * c
         return points
 
     def distances(self, Q: FloatArray) -> FloatArray:
         """Compute the distance of each query from the surface, (n,)."""
-        distance: FloatArray = np.linalg.norm(self.points(Q) - Q, axis=1)
-        return distance
+        return lengths(self.points(Q) - Q)
+
+    def _corners(self, face: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        a, b, c = (self._V[i] for i in self._F[face].T)
+        return a, b, c
 
     def _local(self, P: FloatArray) -> NDArray[np.float32]:
         local: FloatArray = (P - self._centre) / self._scale
@@ -87,7 +99,7 @@ def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArr
         Weights of a, b and c, none negative, summing to 1.
     """
     weights, flat = plane_weights(P, a, b, c)
-    outside = flat | (weights < 0).any(axis=1)
+    outside = flat | (weights.min(axis=1) < 0)
     # Where the foot of the perpendicular is outside, the closest point lies on an edge.
     weights[outside] = _closest_on_edges(P[outside], a[outside], b[outside], c[outside])
     return weights
@@ -116,7 +128,7 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
         Points of the surface.
     """
     a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = lengths(np.cross(b - a, c - a))
     place = (np.arange(n) + rng.random(n)) / n
     reached = np.cumsum(area) / area.sum()
     face = np.minimum(np.searchsorted(reached, place, side="right"), len(F) - 1)

@@ -77,15 +77,17 @@ def face_adjacency(F: IntArray) -> tuple[IntArray, IntArray]:
     shared : (A, 2) int
         The vertices of the shared edge, lower first.
     """
-    half = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
-    face = np.tile(np.arange(len(F)), 3)
-    keep = half[:, 0] != half[:, 1]
-    half, face = half[keep], face[keep]
-    order = np.lexsort((face, half[:, 1], half[:, 0]))
-    half, face = half[order], face[order]
-    same = np.all(half[1:] == half[:-1], axis=1) & (face[1:] != face[:-1])
+    # The sides of each face together, so that a stable sort leaves faces in order.
+    a, b = F.astype(np.int64).ravel(), np.roll(F, -1, axis=1).astype(np.int64).ravel()
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    side = np.flatnonzero(low != high)
+    n = int(high.max(initial=0)) + 1
+    code = low[side] * n + high[side]
+    order = np.argsort(code, kind="stable")
+    code, face = code[order], side[order] // 3
+    same = (code[1:] == code[:-1]) & (face[1:] != face[:-1])
     pairs = np.stack([face[:-1][same], face[1:][same]], axis=1)
-    return np.sort(pairs, axis=1), half[1:][same]
+    return pairs, np.stack(np.divmod(code[1:][same], n), axis=1)
 
 
 def boundary_edges(F: IntArray) -> IntArray:
@@ -103,6 +105,13 @@ def _counted_edges(F: IntArray) -> tuple[IntArray, IntArray]:
     n = int(high.max(initial=0)) + 1
     code, count = np.unique(low[proper] * n + high[proper], return_counts=True)
     return np.stack([code // n, code % n], axis=1), count
+
+
+def any_corner(vertices: NDArray[np.bool_], F: IntArray) -> NDArray[np.bool_]:
+    """Which triangles have at least one of some vertices (N,) bool for a corner, (F,) bool."""
+    a, b, c = F.T
+    touched: NDArray[np.bool_] = vertices[a] | vertices[b] | vertices[c]
+    return touched
 
 
 def vertex_adjacency(F: IntArray, n_points: int) -> csr_matrix:

@@ -15,6 +15,7 @@ from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence
 from meshmark.keys import Key, unique_recipients
 from meshmark.marking import MeshProgress, as_asset
+from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
 from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER, Recipe
 from meshmark.timeline import AUTO, frames_in
@@ -58,6 +59,7 @@ def scheme_names() -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (name != DEFAULT_SCHEME, name)))
 
 
+@sharing_workers
 def gather(
     asset: Asset | MeshAnimation,
     *,
@@ -120,6 +122,7 @@ def _passed_over(view: Extraction) -> list[str]:
     ]
 
 
+@sharing_workers
 def verify(
     asset: Asset | MeshAnimation,
     key: Key,
@@ -169,6 +172,7 @@ def verify(
     return judge_all(evidence, key, recipients=recipients, fpr=fpr)
 
 
+@sharing_workers
 def verify_in_looks(
     asset: Asset | MeshAnimation,
     key: Key,

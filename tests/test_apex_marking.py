@@ -16,7 +16,12 @@ from meshmark.keys import Key
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
-from meshmark_plugins.schemes.apex.consensus import anchors_in_poses, lasting_anchors, seen
+from meshmark_plugins.schemes.apex.consensus import (
+    Sightings,
+    anchors_in_poses,
+    lasting_anchors,
+    seen,
+)
 from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.plan import (
     POSES,
@@ -49,7 +54,7 @@ def lasting_horns(heights, most=8):
     """Which horns the lasting anchors are the tips of."""
     animation = horned(heights)
     axes = HORNS / np.linalg.norm(HORNS, axis=1, keepdims=True)
-    tips = animation[0].points[lasting_anchors(animation, most, 1)]
+    tips = animation[0].points[lasting_anchors(Sightings(animation, 1), most)]
     return np.argmax(tips @ axes.T, axis=1).tolist()
 
 
@@ -132,7 +137,7 @@ def reading_as_marked(frame):
 def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
     animation = horned(AT_REST)
     frame, scheme = animation[0], Apex()
-    layout = require_capacity(animation, scheme.tuning, 1)
+    layout = require_capacity(Sightings(animation, 1), scheme.tuning)
     plan = scheme.plan(animation, WORDS)
     words, reading = WORDS[layout.words], reading_as_marked(frame)
     before, after = (
@@ -149,11 +154,11 @@ def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
     # In the last pose, the first horn is gone.
     heights[2, 0] = 0.0
     animation = horned(heights)
-    tips = lasting_anchors(horned(AT_REST), 5, 1)
+    tips = lasting_anchors(Sightings(horned(AT_REST), 1), 5)
     # Usual vertices beside the tips.
     V = animation[0].points
     beside = np.linalg.norm(V[tips][:, None] - V, axis=2).argsort(axis=1)[:, 1]
-    found = anchors_in_poses(animation, beside, [0, 2], 1)
+    found = anchors_in_poses(Sightings(animation, 1), beside, [0, 2])
     assert sorted(found) == [0, 2]
     np.testing.assert_array_equal(found[0], tips)
     first = int(np.argmax(V[tips] @ HORNS[0]))
@@ -196,7 +201,7 @@ def test_what_one_pose_would_hold_back_is_held_back_in_all(gallop, gallop_plan):
 
 def test_anchors_stay_where_they_are(gallop, gallop_plan):
     length = np.linalg.norm(gallop_plan.at(0).reshape(-1, 3), axis=1)
-    assert length[lasting_anchors(gallop, 8, 1)].max() < 1e-4 * length.max()
+    assert length[lasting_anchors(Sightings(gallop, 1), 8)].max() < 1e-4 * length.max()
 
 
 def test_marking_fits_what_was_laid_on_the_surface_to_it(gallop, gallop_plan):
@@ -243,7 +248,7 @@ def test_tips_on_an_open_border_are_left_out():
     animation = MeshAnimation.from_arrays(V[kept], faces.reshape(-1, 3))
     tip = np.flatnonzero(kept == len(V) - 2)
     # The middle of the far tip, a vertex or two beside its pole, and nothing of the rim.
-    [anchor] = lasting_anchors(animation, 8, 1)
+    [anchor] = lasting_anchors(Sightings(animation, 1), 8)
     assert np.linalg.norm(V[kept][anchor] - V[kept][tip]) < 0.1
 
 

@@ -99,7 +99,7 @@ def test_a_layout_gives_every_anchor_a_unit_and_a_word_of_its_own():
     V, F = capsule(48, 100, 0.6)
     animation = MeshAnimation.from_arrays(V[None], F)
     anchors = np.array([len(V) - 1, len(V) - 2])
-    layout = lay_out(animation, anchors, TUNING)
+    layout = lay_out(animation, anchors, TUNING, 1)
     assert layout.anchors is anchors
     length = shared_length(V, F)
     np.testing.assert_allclose(layout.units, units(length, np.array([phase_of(length)]))[0])

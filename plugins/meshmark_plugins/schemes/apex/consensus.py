@@ -16,7 +16,7 @@ from meshmark.geometry import face_areas
 from meshmark.parallel import ordered_map
 from meshmark.smoothing import polygon_umbrella, smooth
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
-from meshmark_plugins.schemes.apex.survey import survey
+from meshmark_plugins.schemes.apex.survey import look
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,6 +35,29 @@ CLEAR_OF_BORDER = 0.02
 TRIAL = 10
 
 
+class Sightings:
+    """The anchors seen in frames of an animation; no frame is looked at twice.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Frames as analysis sees them, of one topology.
+    jobs : int
+        Worker processes.
+    """
+
+    def __init__(self, animation: MeshAnimation, jobs: int) -> None:
+        self.animation, self.jobs = animation, jobs
+        self._seen: dict[int, tuple[IntArray, FloatArray]] = {}
+
+    def of(self, frames: Sequence[int]) -> list[tuple[IntArray, FloatArray]]:
+        """Return vertices and persistence of the anchors of some frames, maybe none."""
+        new = [t for t in frames if t not in self._seen]
+        found = ordered_map(FindAnchors(self.animation), new, jobs=self.jobs)
+        self._seen.update(zip(new, found, strict=True))
+        return [self._seen[t] for t in frames]
+
+
 @dataclass(frozen=True, eq=False)
 class FindAnchors:
     """Finds the anchors of frame after frame."""
@@ -50,24 +73,22 @@ class FindAnchors:
 def seen(V: FloatArray, F: IntArray) -> tuple[IntArray, FloatArray]:
     """Find the anchors of one mesh; none is no error here."""
     try:
-        nears = survey(V, F, LEAST_SEEN, MOST_SEEN)
+        looks = look(V, F, LEAST_SEEN, MOST_SEEN)
     except CapacityError:
         return np.empty(0, dtype=np.int64), np.empty(0)
-    vertices = np.concatenate([near.anchors for near in nears])
-    return vertices, np.concatenate([near.persistence for near in nears])
+    vertices = np.concatenate([one.piece.vertices[one.maxima.vertices] for one in looks])
+    return vertices, np.concatenate([one.maxima.persistence for one in looks])
 
 
-def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
+def lasting_anchors(sightings: Sightings, most: int) -> IntArray:
     """Find the anchors worth marking.
 
     Parameters
     ----------
-    animation : MeshAnimation
-        Frames as analysis sees them, of one topology.
+    sightings : Sightings
+        Of the animation.
     most : int
         Most anchors to return.
-    jobs : int
-        Worker processes.
 
     Returns
     -------
@@ -79,13 +100,13 @@ def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
     CapacityError
         If none is left, with the reason.
     """
+    animation = sightings.animation
     count = min(FRAMES, len(animation))
     chosen = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
-    sightings = list(ordered_map(FindAnchors(animation), chosen.tolist(), jobs=jobs))
     first = animation[0]
     V, F = first.points, first.faces
     near = NEAR * float(np.sqrt(face_areas(V, F).sum()))
-    vertices, persistence, share = _clusters(V, sightings, near)
+    vertices, persistence, share = _clusters(V, sightings.of(chosen.tolist()), near)
     if not np.any(persistence >= LEAST_MARKED):
         raise CapacityError(
             "nothing sticks out of the mesh far enough to measure from; a mark needs tips such "
@@ -105,7 +126,7 @@ def lasting_anchors(animation: MeshAnimation, most: int, jobs: int) -> IntArray:
 
 
 def anchors_in_poses(
-    animation: MeshAnimation, anchors: IntArray, frames: Sequence[int], jobs: int
+    sightings: Sightings, anchors: IntArray, frames: Sequence[int]
 ) -> dict[int, IntArray]:
     """Find where anchors are seen in each of some poses.
 
@@ -114,25 +135,22 @@ def anchors_in_poses(
 
     Parameters
     ----------
-    animation : MeshAnimation
-        Frames as analysis sees them, of one topology.
+    sightings : Sightings
+        Of the animation.
     anchors : (C,) int
         Vertices where anchors usually are.
     frames : sequence of int
         The poses.
-    jobs : int
-        Worker processes.
 
     Returns
     -------
     dict of (C,) int
         Vertices, by frame; the usual one where an anchor is not seen.
     """
-    first = animation[0]
+    first = sightings.animation[0]
     near = NEAR * float(np.sqrt(face_areas(first.points, first.faces).sum()))
-    sightings = ordered_map(FindAnchors(animation), frames, jobs=jobs)
     found = {}
-    for t, (vertices, _) in zip(frames, sightings, strict=True):
+    for t, (vertices, _) in zip(frames, sightings.of(frames), strict=True):
         gaps = cdist(first.points[anchors], first.points[vertices])
         own, theirs = linear_sum_assignment(np.minimum(gaps, 2.0 * near))
         is_near = gaps[own, theirs] <= near

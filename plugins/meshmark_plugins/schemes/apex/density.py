@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.geometry import vertex_areas
+from meshmark.geometry import lengths, vertex_areas
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +26,7 @@ def cotangent_weights(V: FloatArray, F: IntArray) -> FloatArray:
     for k in range(3):
         u = V[F[:, (k + 1) % 3]] - V[F[:, k]]
         v = V[F[:, (k + 2) % 3]] - V[F[:, k]]
-        across = np.linalg.norm(np.cross(u, v), axis=1)
+        across = lengths(np.cross(u, v))
         along = np.einsum("ij,ij->i", u, v)
         cot = np.divide(along, across, out=np.full(len(F), STEEPEST), where=across > 0.0)
         weights[:, k] = np.clip(0.5 * cot, 0.0, STEEPEST)

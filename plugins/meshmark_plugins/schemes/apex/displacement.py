@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, diags_array, vstack
 
+from meshmark.geometry import lengths
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.energy import Energy, WeightedEnergy
 
@@ -103,7 +104,7 @@ def displacement(
 
 def _dearer(energy: Energy, reach: float, d: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How much dearer moving each vertex and stretching each triangle is than its square."""
-    length = np.linalg.norm(d.reshape(-1, 3), axis=1)
+    length = lengths(d.reshape(-1, 3))
     strain = energy.stretching.strains(d)
     return 1.0 + (length / reach) ** STEEPNESS, 1.0 + (strain / STRAIN) ** STEEPNESS
 

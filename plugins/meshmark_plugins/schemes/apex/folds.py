@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.geometry import lengths
 from meshmark.restraint import face_normals
 from meshmark.topology import vertex_adjacency
 
@@ -67,6 +68,6 @@ class Folds:
         for (P, G), before in zip(self._poses, self._normals, strict=True):
             X = P + self._root_area * np.einsum("nij,nj->ni", G, moves)
             after = face_normals(X, self._F)
-            size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+            size = lengths(before) * lengths(after)
             folded |= np.einsum("ij,ij->i", before, after) < LEAST_COSINE * size
         return folded

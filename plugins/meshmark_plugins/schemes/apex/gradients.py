@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
-from meshmark.geometry import area_vectors, sum_at_corners, unit
+from meshmark.geometry import area_vectors, lengths, sum_at_corners, unit
 from meshmark_plugins.schemes.apex.survey import Neighbourhood
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +21,7 @@ def distance_directions(near: Neighbourhood) -> FloatArray:
     """
     V, F = near.V, near.piece.faces
     vectors = area_vectors(V, F)
-    areas = np.linalg.norm(vectors, axis=1)
+    areas = lengths(vectors)
     normals = unit(vectors)
     opposite = [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)]
     about = np.maximum(sum_at_corners(areas, F, len(V)), 1e-300)[:, None]

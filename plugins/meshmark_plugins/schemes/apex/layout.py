@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import MeshAnimation
+from meshmark.parallel import ordered_map
 from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import cells_needed
@@ -40,14 +41,19 @@ class Layout:
     units: FloatArray
     words: IntArray
 
-    def measured(self, V: FloatArray, F: IntArray) -> list[tuple[IntArray, Neighbourhood]]:
-        """Measure from the anchors in root areas, piece by piece; with which of them each has."""
-        nears = measure_from(V, F, self.anchors)
+    def measured(
+        self, V: FloatArray, F: IntArray, label: IntArray | None = None
+    ) -> list[tuple[IntArray, Neighbourhood]]:
+        """Measure from the anchors in root areas, piece by piece; with which of them each has.
+
+        Parameters are those of `measure_from`.
+        """
+        nears = measure_from(V, F, self.anchors, label)
         return [(_rows(self.anchors, near.anchors), near) for near in nears]
 
 
-def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning) -> Layout:
-    """Choose the unit and the word of each anchor (C,).
+def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning, jobs: int) -> Layout:
+    """Choose the unit and the word of each anchor (C,), in `jobs` worker processes.
 
     Raises
     ------
@@ -61,23 +67,31 @@ def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning) -> Layo
     for near in nears:
         unit[_rows(anchors, near.anchors)] = units(near.unit, phase)
     chosen = np.linspace(0, len(animation) - 1, min(FRAMES, len(animation))).round()
-    places = [_places(animation, int(t), anchors, unit, tuning) for t in np.unique(chosen)]
+    find = _FindPlaces(animation, anchors, unit, tuning)
+    places = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))
     return Layout(anchors, unit, choose_words(np.median(places, axis=0)))
 
 
-def _places(
-    animation: MeshAnimation, index: int, anchors: IntArray, unit: FloatArray, tuning: Tuning
-) -> FloatArray:
-    frame = animation[index]
-    places = np.empty(len(anchors))
-    for near in measure_from(frame.points, frame.faces, anchors):
-        rows = _rows(anchors, near.anchors)
-        weights = vertex_weights(near, tuning.width)
-        n_cells = cells_needed(tuning.bins, tuning.width)
-        profiles = profiles_of(near, weights, tuning.width, n_cells)
-        of_units = bulk(profiles, tuning.width, 1.0 / unit[rows[:1]])
-        places[rows] = place_of(of_units)[0]
-    return places
+@dataclass(frozen=True, eq=False)
+class _FindPlaces:
+    """Finds the places of anchors in frame after frame; picklable, for worker processes."""
+
+    animation: MeshAnimation
+    anchors: IntArray
+    unit: FloatArray
+    tuning: Tuning
+
+    def __call__(self, index: int) -> FloatArray:
+        frame, tuning = self.animation[index], self.tuning
+        places = np.empty(len(self.anchors))
+        for near in measure_from(frame.points, frame.faces, self.anchors):
+            rows = _rows(self.anchors, near.anchors)
+            weights = vertex_weights(near, tuning.width)
+            n_cells = cells_needed(tuning.bins, tuning.width)
+            profiles = profiles_of(near, weights, tuning.width, n_cells)
+            of_units = bulk(profiles, tuning.width, 1.0 / self.unit[rows[:1]])
+            places[rows] = place_of(of_units)[0]
+        return places
 
 
 def _rows(anchors: IntArray, some: IntArray) -> IntArray:

@@ -29,6 +29,10 @@ class Maxima:
     vertices: IntArray
     persistence: FloatArray
 
+    def only(self, kept: NDArray[np.bool_]) -> Maxima:
+        """Leave out those that are not kept, (m,) bool."""
+        return Maxima(self.vertices[kept], self.persistence[kept])
+
 
 def persistent_maxima(f: FloatArray, F: IntArray, least: float) -> Maxima:
     """Find the local maxima of f with 0-dimensional persistence of at least `least`.

@@ -33,15 +33,24 @@ class Piece:
     faces: IntArray
 
 
-def split(V: FloatArray, F: IntArray) -> list[Piece]:
+def split(V: FloatArray, F: IntArray, label: IntArray | None = None) -> list[Piece]:
     """Split a mesh into its connected pieces of at least `LEAST_SHARE` of the area.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles.
+    label : (F,) int, optional
+        Its edge-connected components, where they are known.
 
     Returns
     -------
     list of Piece
         The largest first; of equal ones, the one whose first triangle comes first.
     """
-    label = face_components(F)
+    label = face_components(F) if label is None else label
     areas = np.bincount(label, face_areas(V, F))
     large = np.flatnonzero(areas >= LEAST_SHARE * areas.sum())
     first = np.array([int(np.argmax(label == component)) for component in large])

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import CapacityError
-from meshmark.parallel import Workers
+from meshmark.parallel import Workers, ordered_map
 from meshmark.restraint import restrain
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import surface_distance
-from meshmark_plugins.schemes.apex.consensus import anchors_in_poses, lasting_anchors
-from meshmark_plugins.schemes.apex.displacement import Demand, displacement
-from meshmark_plugins.schemes.apex.energy import energy_over_poses, guarded
-from meshmark_plugins.schemes.apex.folds import Folds
+from meshmark_plugins.schemes.apex.chain import solve_keys
+from meshmark_plugins.schemes.apex.consensus import Sightings, anchors_in_poses, lasting_anchors
 from meshmark_plugins.schemes.apex.layout import Layout, lay_out
-from meshmark_plugins.schemes.apex.poses import AskPose, Cover, Question, held_chips
+from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
 from meshmark_plugins.schemes.apex.refit import refit
-from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.survey import measure_from
 from meshmark_plugins.schemes.apex.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -30,13 +27,6 @@ IntArray = NDArray[np.int64]
 # Poses looked at for each key frame: chips change from one pose to the next by as much as a mark
 # moves them, so that each pose left out is one badly served.
 POSES = 20
-# Rounds of measuring and solving at the first key frame, and at those that start from it.
-FIRST_ROUNDS, LATER_ROUNDS = 4, 2
-# How far a round goes from the displacement it measured to the one it found. Chips follow moves
-# in proportion only nearby: whole steps overshoot, and the rounds swing to and fro.
-STEP = 0.5
-# Length beyond which moves become dear, in bins.
-REACH = 0.25
 # Fewer chips than this could not prove anything at one in a million, readings and words paid.
 FEWEST_CHIPS = 40
 # Frames whose distortion is measured, and points of the surface, to keep within the limit.
@@ -85,7 +75,7 @@ class SurfacePlan:
         return blended
 
 
-def require_capacity(animation: MeshAnimation, tuning: Tuning, jobs: int) -> Layout:
+def require_capacity(sightings: Sightings, tuning: Tuning) -> Layout:
     """Find the anchors to be marked, and how.
 
     Raises
@@ -93,8 +83,9 @@ def require_capacity(animation: MeshAnimation, tuning: Tuning, jobs: int) -> Lay
     CapacityError
         If they cannot hold a mark, with the reason and what to do.
     """
-    anchors = lasting_anchors(animation, tuning.words, jobs)
-    layout = lay_out(animation, anchors, tuning)
+    animation = sightings.animation
+    anchors = lasting_anchors(sightings, tuning.words)
+    layout = lay_out(animation, anchors, tuning, sightings.jobs)
     first = animation[0]
     held = held_chips(first.points, first.faces, layout, tuning)
     if held < FEWEST_CHIPS:
@@ -116,22 +107,19 @@ def plan_animation(
     CapacityError
         If it cannot hold one, with the reason and what to do.
     """
-    layout = require_capacity(animation, tuning, jobs)
+    sightings = Sightings(animation, jobs)
+    layout = require_capacity(sightings, tuning)
     first = animation[0]
     cover = Cover(first.points, first.faces)
     keys = key_frames(len(animation), tuning.hold)
     posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
-    anchors = anchors_in_poses(animation, layout.anchors, sorted(set().union(*posed)), jobs)
+    anchors = anchors_in_poses(sightings, layout.anchors, sorted(set().union(*posed)))
     ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
     guards = measure_from(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
-    solved: list[FloatArray] = []
-    with Workers(ask, min(jobs, POSES, len(animation))) as workers:
-        for poses in posed:
-            start = solved[-1] if solved else np.zeros(first.points.size)
-            rounds = LATER_ROUNDS if solved else FIRST_ROUNDS
-            solved.append(_solve(ask, guards, workers, poses, start, rounds))
-    plan = SurfacePlan(cover, keys, np.array(solved), len(layout.anchors))
-    return within_limit(plan, animation, tuning.max_mrms)
+    with Workers(ask, min(jobs, len(animation))) as workers:
+        solved = solve_keys(ask, guards, workers, posed, jobs)
+    plan = SurfacePlan(cover, keys, solved, len(layout.anchors))
+    return within_limit(plan, animation, tuning.max_mrms, jobs)
 
 
 def key_frames(n_frames: int, hold: int) -> FloatArray:
@@ -148,50 +136,28 @@ def poses_about(keys: FloatArray, j: int, n_frames: int) -> list[int]:
     return [int(t) for t in np.unique(spread.round())]
 
 
-def _solve(
-    ask: AskPose,
-    guards: list[Neighbourhood],
-    workers: Workers[tuple[Question, int, FloatArray], Any],
-    poses: list[int],
-    d: FloatArray,
-    rounds: int,
-) -> FloatArray:
-    """Find the displacement that serves some poses best, (3 N,)."""
-    cover, width = ask.cover, ask.tuning.width
-    points = [ask.animation[t].points for t in poses]
-    carried = [(P, cover.deformation.gradients(P)) for P in points]
-    energy = energy_over_poses(carried, cover.V, cover.F, width)
-    shown = np.concatenate([ask.anchors[t] for t in poses])
-    for near in guards:
-        H = near.H[np.isin(near.anchors, shown)]
-        energy.blocks[near.piece.vertices] *= guarded(H)[:, None, None]
-    folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(carried) - 1) // 2)])
-    for _ in range(rounds):
-        demands: list[Demand] = list(workers.map([("demand", t, d) for t in poses]))
-        found = displacement(demands, energy, REACH * width, d)
-        step = STEP if d.any() else 1.0
-        d = folds.ironed(d + step * (found - d))
-    # What one pose would have to hold back is held back in all: a move that comes and goes is
-    # seen, one that is shorter is not.
-    shares = list(workers.map([("share", t, d) for t in poses]))
-    return d * np.repeat(np.min(shares, axis=0), 3)
-
-
-def within_limit(plan: SurfacePlan, animation: MeshAnimation, max_mrms: float) -> SurfacePlan:
+def within_limit(
+    plan: SurfacePlan, animation: MeshAnimation, max_mrms: float, jobs: int = 1
+) -> SurfacePlan:
     """Weaken a plan until it distorts no more than it may."""
     count = min(TRIALS, len(animation))
     trials = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
-    while (mrms := _mean_mrms(plan, animation, trials.tolist())) > max_mrms:
-        weaker = plan.displacements * (BELOW * max_mrms / mrms)
-        plan = replace(plan, displacements=weaker)
-    return plan
+    while True:
+        mrms = ordered_map(_MeasureMRMS(plan, animation), trials.tolist(), jobs=jobs)
+        if (mean := float(np.mean(list(mrms)))) <= max_mrms:
+            return plan
+        plan = replace(plan, displacements=plan.displacements * (BELOW * max_mrms / mean))
 
 
-def _mean_mrms(plan: SurfacePlan, animation: MeshAnimation, frames: list[int]) -> float:
-    values = []
-    for t in frames:
-        frame = animation[t]
-        X = plan.mark(t, frame)
+@dataclass(frozen=True, eq=False)
+class _MeasureMRMS:
+    """Measures how far a plan moves the surface of frame after frame, as a share of its size."""
+
+    plan: SurfacePlan
+    animation: MeshAnimation
+
+    def __call__(self, index: int) -> float:
+        frame = self.animation[index]
+        X = self.plan.mark(index, frame)
         found = surface_distance(frame.points, frame.faces, X, frame.faces, samples=TRIAL_POINTS)
-        values.append(found.mrms / found.diagonal)
-    return float(np.mean(values))
+        return found.mrms / found.diagonal

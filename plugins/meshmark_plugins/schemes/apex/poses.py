@@ -16,6 +16,7 @@ from meshmark.deformation import Deformation
 from meshmark.geometry import face_areas
 from meshmark.restraint import allowed_shares
 from meshmark.surface import ClosestPoints
+from meshmark.topology import face_components
 from meshmark_plugins.schemes.apex.displacement import Demand
 from meshmark_plugins.schemes.apex.gradients import chip_gradients
 from meshmark_plugins.schemes.apex.layout import Layout
@@ -62,6 +63,11 @@ class Cover:
     def root_area(self) -> float:
         """Square root of the reference frame's area."""
         return float(np.sqrt(face_areas(self.V, self.F).sum()))
+
+    @cached_property
+    def label(self) -> IntArray:
+        """Edge-connected component of each triangle, (F,) int."""
+        return face_components(self.F)
 
     @cached_property
     def deformation(self) -> Deformation:
@@ -144,7 +150,7 @@ class AskPose:
     ) -> tuple[FloatArray, FloatArray, csr_matrix]:
         """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
         K, width = self.tuning.bins, self.tuning.width
-        measured = layout.measured(X, F)
+        measured = layout.measured(X, F, self.cover.label)
         found = [
             self._one_piece(near, float(layout.units[rows[0]]), K, width, len(X))
             for rows, near in measured

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import CapacityError
-from meshmark.geometry import face_areas
+from meshmark.geometry import face_areas, lengths
 from meshmark.topology import edges
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +51,7 @@ class RadialDistances:
             raise CapacityError("the surface has no area")
         U = (V - V.mean(axis=0)) / self.root_area
         E = edges(F)
-        mean_edge = float(np.linalg.norm(U[E[:, 0]] - U[E[:, 1]], axis=1).mean())
+        mean_edge = float(lengths(U[E[:, 0]] - U[E[:, 1]]).mean())
         try:
             # The solver takes time in squared mean edges.
             self._solver = pp3d.MeshHeatMethodDistanceSolver(

@@ -13,7 +13,7 @@ from meshmark.carrier import Sighting
 from meshmark.interfaces import GeodesicSolver, Segmenter
 from meshmark.placement import Placement
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
-from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN
+from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN, Sightings
 from meshmark_plugins.schemes.apex.pieces import shared_length
 from meshmark_plugins.schemes.apex.places import N_WORDS, bulk, place_of
 from meshmark_plugins.schemes.apex.plan import SurfacePlan, plan_animation, require_capacity
@@ -112,7 +112,7 @@ class Apex:
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:
         """Refuse an animation without lasting anchors, or with too few vertices about them."""
-        require_capacity(animation, self.tuning, jobs)
+        require_capacity(Sightings(animation, jobs), self.tuning)
 
     def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""

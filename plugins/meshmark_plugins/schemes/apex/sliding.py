@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import area_vectors, sum_at_corners, unit
+from meshmark.geometry import area_vectors, lengths, sum_at_corners, unit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,7 +59,7 @@ class Sliding:
         On a plane it is n n^T; the more the surface bends, the more of it lies in the tangents.
         """
         vectors = area_vectors(V, self._F)
-        areas, n = np.linalg.norm(vectors, axis=1), unit(vectors)
+        areas, n = lengths(vectors), unit(vectors)
         sums = sum_at_corners(_outer(areas, n), self._F, len(V))
         return self._mean(sums, areas)
 
@@ -70,7 +70,7 @@ class Sliding:
         """
         F, at = self._F, self._edge_at
         vectors = area_vectors(V, F)
-        areas, n = np.linalg.norm(vectors, axis=1), unit(vectors)
+        areas, n = lengths(vectors), unit(vectors)
         ahead = unit((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
         outward = np.cross(ahead, np.repeat(n, 3, axis=0))
         n_edges = len(self._edges)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meshmark.errors import CapacityError
 from meshmark.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors import find_anchors
+from meshmark_plugins.schemes.apex.persistence import Maxima
 from meshmark_plugins.schemes.apex.pieces import Piece, reference_lengths, split
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 
@@ -73,8 +74,38 @@ class Neighbourhood:
         return mean
 
 
-def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbourhood]:
-    """Find the anchors of a mesh, and measure from them.
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The anchors of one piece of a frame, before distances from them are measured.
+
+    Parameters
+    ----------
+    piece : Piece
+        Which vertices and triangles.
+    V : (n, 3) float64
+        Positions of the piece's vertices.
+    lengths : (float, float)
+        Reference lengths of the piece, and of the largest one.
+    radial : RadialDistances
+        Its distances.
+    maxima : Maxima
+        The anchors, vertices of the piece.
+    """
+
+    piece: Piece
+    V: FloatArray
+    lengths: tuple[float, float]
+    radial: RadialDistances
+    maxima: Maxima
+
+    def measured(self) -> Neighbourhood:
+        """Measure from the anchors."""
+        vertices, persistence = self.maxima.vertices, self.maxima.persistence
+        return _measured(self.piece, self.lengths, self.V, self.radial, vertices, persistence)
+
+
+def look(V: FloatArray, F: IntArray, least: float, most: int) -> list[Look]:
+    """Find the anchors of a mesh, piece by piece.
 
     Parameters
     ----------
@@ -92,42 +123,51 @@ def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbou
     CapacityError
         If there is no anchor.
     """
-    found = []
     pieces = split(V, F)
     units = reference_lengths(V, pieces)
+    found: list[Look] = []
     for piece, unit in zip(pieces, units, strict=True):
         points = V[piece.vertices]
         radial = RadialDistances(points, piece.faces)
         maxima = find_anchors(points, piece.faces, radial, least, most)
         if maxima.vertices.size:
-            found.append((piece, unit, points, radial, maxima))
+            found.append(Look(piece, points, (unit, units[0]), radial, maxima))
     if not found:
         raise CapacityError(
             "no part of the mesh sticks out far enough to measure from: "
             "a mark needs tips such as hands, feet, ears or a tail"
         )
-    persistence = np.concatenate([maxima.persistence for *_, maxima in found])
+    persistence = np.concatenate([piece.maxima.persistence for piece in found])
     chosen = np.zeros(len(persistence), dtype=bool)
     chosen[np.argsort(-persistence, kind="stable")[:most]] = True
-    ends = np.cumsum([len(maxima.vertices) for *_, maxima in found])[:-1]
+    ends = np.cumsum([len(piece.maxima.vertices) for piece in found])[:-1]
     return [
-        _measured(
-            piece,
-            (unit, units[0]),
-            points,
-            radial,
-            maxima.vertices[kept],
-            maxima.persistence[kept],
-        )
-        for (piece, unit, points, radial, maxima), kept in zip(
-            found, np.split(chosen, ends), strict=True
-        )
+        replace(piece, maxima=piece.maxima.only(kept))
+        for piece, kept in zip(found, np.split(chosen, ends), strict=True)
         if kept.any()
     ]
 
 
-def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbourhood]:
+def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbourhood]:
+    """Find the anchors of a mesh, and measure from them; parameters and errors as of `look`."""
+    return [piece.measured() for piece in look(V, F, least, most)]
+
+
+def measure_from(
+    V: FloatArray, F: IntArray, anchors: IntArray, label: IntArray | None = None
+) -> list[Neighbourhood]:
     """Measure from anchors that are known already, piece by piece.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles.
+    anchors : (m,) int
+        Vertices.
+    label : (F,) int, optional
+        The edge-connected components of the triangles, where they are known.
 
     Raises
     ------
@@ -135,7 +175,7 @@ def measure_from(V: FloatArray, F: IntArray, anchors: IntArray) -> list[Neighbou
         If one of them lies in no piece.
     """
     found, left = [], len(anchors)
-    pieces = split(V, F)
+    pieces = split(V, F, label)
     units = reference_lengths(V, pieces)
     for piece, unit in zip(pieces, units, strict=True):
         place = np.full(len(V), -1)

@@ -1,0 +1,117 @@
+"""Displacements of key frames, solved one after the other from where the last one led."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.parallel import Workers
+from meshmark_plugins.schemes.apex.displacement import Demand, displacement
+from meshmark_plugins.schemes.apex.energy import Energy, energy_over_poses, guarded
+from meshmark_plugins.schemes.apex.folds import Folds
+from meshmark_plugins.schemes.apex.poses import AskPose, Question
+from meshmark_plugins.schemes.apex.survey import Neighbourhood
+
+FloatArray = NDArray[np.float64]
+
+Asking = Workers[tuple[Question, int, FloatArray], Any]
+
+# Rounds of measuring and solving at the key that all others start from, and at those.
+FIRST_ROUNDS, LATER_ROUNDS = 4, 2
+# How far a round goes from the displacement it measured to the one it found. Chips follow moves
+# in proportion only nearby: whole steps overshoot, and the rounds swing to and fro.
+STEP = 0.5
+# Length beyond which moves become dear, in bins.
+REACH = 0.25
+
+
+@dataclass(eq=False)
+class Chain:
+    """Solves key after key; what was measured in a pose serves the next key as well.
+
+    Parameters
+    ----------
+    ask : AskPose
+        Measures displacements in poses.
+    guards : list of Neighbourhood
+        Of the reference frame, about every place where an anchor is seen.
+    workers : Workers
+        Which do the measuring.
+    demands : dict
+        What the poses of the last key asked for, by frame.
+    """
+
+    ask: AskPose
+    guards: list[Neighbourhood]
+    workers: Asking
+    demands: dict[int, Demand] = field(default_factory=dict)
+
+    def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
+        """Find the displacement that serves some poses best, (3 N,), starting from another."""
+        cover, width = self.ask.cover, self.ask.tuning.width
+        points = [self.ask.animation[t].points for t in poses]
+        carried = [(P, cover.deformation.gradients(P)) for P in points]
+        energy = self._guarded(energy_over_poses(carried, cover.V, cover.F, width), poses)
+        folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(poses) - 1) // 2)])
+        known = {t: self.demands[t] for t in poses if t in self.demands}
+        for _ in range(rounds):
+            # Those that the last key asked for are as good as new: it went where they said.
+            new = [t for t in poses if t not in known]
+            known.update(zip(new, self._answers("demand", new, d), strict=True))
+            self.demands = known
+            found = displacement([known[t] for t in poses], energy, REACH * width, d)
+            d = folds.ironed(d + (STEP if d.any() else 1.0) * (found - d))
+            known = {}
+        # What one pose would have to hold back is held back in all: a move that comes and goes
+        # is seen, one that is shorter is not.
+        shares = list(self._answers("share", poses, d))
+        return d * np.repeat(np.min(shares, axis=0), 3)
+
+    def _answers(self, question: Question, poses: list[int], d: FloatArray) -> Any:
+        return self.workers.map([(question, t, d) for t in poses])
+
+    def _guarded(self, energy: Energy, poses: list[int]) -> Energy:
+        """Make moves dear about the anchors that some poses show."""
+        shown = np.concatenate([self.ask.anchors[t] for t in poses])
+        for near in self.guards:
+            H = near.H[np.isin(near.anchors, shown)]
+            energy.blocks[near.piece.vertices] *= guarded(H)[:, None, None]
+        return energy
+
+
+def solve_keys(
+    ask: AskPose, guards: list[Neighbourhood], workers: Asking, posed: list[list[int]], jobs: int
+) -> FloatArray:
+    """Find the displacements of all keys, (J, 3 N), from the middle one outwards.
+
+    The keys before it and those after it do not wait for each other: while one displacement is
+    solved for here, workers measure what the other way asks.
+
+    Parameters
+    ----------
+    ask, guards, workers
+        See `Chain`.
+    posed : list of list of int
+        Frames that each key must serve.
+    jobs : int
+        1 to go the two ways one after the other.
+    """
+    start = len(posed) // 2
+    first = Chain(ask, guards, workers)
+    solved = np.empty((len(posed), ask.cover.V.size))
+    solved[start] = first.solve(posed[start], np.zeros(ask.cover.V.size), FIRST_ROUNDS)
+
+    def go(way: range) -> None:
+        chain = Chain(ask, guards, workers, first.demands)
+        for before, j in zip([start, *way], way, strict=False):
+            solved[j] = chain.solve(posed[j], solved[before], LATER_ROUNDS)
+
+    ways = (range(start + 1, len(posed)), range(start - 1, -1, -1))
+    with ThreadPoolExecutor(min(jobs, len(ways))) as threads:
+        for _ in threads.map(go, ways):
+            pass
+    return solved
