@@ -168,27 +168,28 @@ def _sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
     x = np.take_along_axis(x, order[..., None], axis=-2)
     idle = np.take_along_axis(idle, order, axis=-1)
     steps = np.minimum(np.diff(first, axis=-1, prepend=first[:, :1]), WINDOW)
-    table = np.zeros((len(x), 1 << WINDOW))
-    table[:, 0] = 1.0
-    for c in range(x.shape[1]):
+    # Rows last: what is done to all of them at once then runs along memory.
+    x, idle = np.ascontiguousarray(x.transpose(1, 2, 0)), np.ascontiguousarray(idle.T)
+    table = np.zeros((1 << WINDOW, len(first)))
+    table[0] = 1.0
+    for c in range(len(x)):
         table = _advanced(table, steps[:, c])
-        grown = table * idle[:, c, None]
+        grown = table * idle[c]
         for w in range(WINDOW):
             # Sets of used words by the words above w, whether w is among them, those below.
-            halves = (len(x), 1 << (WINDOW - w - 1), 2, 1 << w)
-            added = table.reshape(halves)[:, :, 0] * x[:, c, w, None, None]
-            grown.reshape(halves)[:, :, 1] += added
+            halves = (1 << (WINDOW - w - 1), 2, 1 << w, len(first))
+            grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * x[c, w]
         table = grown
-    total: FloatArray = table.sum(axis=1)
+    total: FloatArray = table.sum(axis=0)
     return total
 
 
 def _advanced(table: FloatArray, steps: IntArray) -> FloatArray:
-    """Forget the first words of the window, as many as each row's step."""
+    """Forget the first words of the window, as many as each step (N,), in tables (2^W, N)."""
     result = table.copy()
     for step in np.unique(steps[steps > 0]).tolist():
         rows = np.flatnonzero(steps == step)
         kept = 1 << (WINDOW - step)
-        result[rows, :kept] = table[rows].reshape(len(rows), kept, 1 << step).sum(axis=2)
-        result[rows, kept:] = 0.0
+        result[:kept, rows] = table[:, rows].reshape(kept, 1 << step, len(rows)).sum(axis=1)
+        result[kept:, rows] = 0.0
     return result
