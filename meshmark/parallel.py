@@ -14,6 +14,8 @@ from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from meshmark.errors import UsageError
 
 Item = TypeVar("Item")
@@ -68,21 +70,31 @@ def shared_workers(jobs: int) -> Iterator[None]:
     Starting them, and importing what they need, costs a second or so each time; they start when
     first needed. Within a block of this kind another one changes nothing.
 
+    Linear algebra keeps to one thread meanwhile, here and in the workers: its threads would
+    only get in the way of the processes, and sums would depend on how many there are.
+
     Parameters
     ----------
     jobs : int
         Worker processes.
     """
     global _shared
-    if jobs == 1 or _shared is not None:
+    if _shared is not None:
         yield
         return
-    _shared = _Pool(jobs)
+    pool = _Pool(jobs)
+    _shared = pool if jobs > 1 else None
     try:
-        yield
+        with one_thread():
+            yield
     finally:
-        pool, _shared = _shared, None
+        _shared = None
         pool.close()
+
+
+def one_thread() -> threadpool_limits:
+    """Keep linear algebra to one thread, until the returned context ends or for good."""
+    return threadpool_limits(limits=1, user_api="blas")
 
 
 def sharing_workers(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -106,8 +118,7 @@ class Workers(Generic[Item, Result]):
     function : callable
         Picklable; sent to each worker once.
     jobs : int
-        Worker processes, of which each is shared if they are (see `shared_workers`); 1 works in
-        this process.
+        Worker processes; 1 works in this process. Within `shared_workers`, they are its own.
     """
 
     def __init__(self, function: Callable[[Item], Result], jobs: int) -> None:
@@ -202,4 +213,6 @@ def _call(kept: Path | bytes, item: Any) -> Any:
 def _function(kept: Path | bytes) -> Callable[[Any], Any]:
     pickled = kept.read_bytes() if isinstance(kept, Path) else kept
     function: Callable[[Any], Any] = pickle.loads(pickled)
+    # Only libraries that are loaded by now know of it.
+    one_thread()
     return function

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from meshmark.geometry import unit, vertex_normals
 from meshmark.surface import ClosestPoints
 from meshmark.testing.meshes import bumpy_sphere, icosphere
-from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions
+from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
 from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import (
     GAIN,
@@ -190,7 +190,8 @@ def horned():
     tips = [int(np.argmax(V @ axis)) for axis in ([1, 0.2, 0.1], [-0.3, 1, 0.2])]
     (near,) = measure_from(V, F, np.array(tips))
     weights = vertex_weights(near, WIDTH)
-    return V, F, near, weights, chip_gradients(near, weights, WIDTH, K, len(V))
+    J = chip_gradients(near, distance_directions(near), weights, WIDTH, K, len(V))
+    return V, F, near, weights, J
 
 
 def chips(near, weights):
@@ -242,6 +243,22 @@ def test_chips_follow_moves_as_their_gradients_foretell(horned, seed):
     )
     assert np.corrcoef(foretold, now - before)[0, 1] > 0.98
     assert 0.75 < foretold @ (now - before) / (foretold @ foretold) < 1.0
+
+
+def test_distances_slide_along_with_vertices():
+    V, F = icosphere(4)
+    (near,) = measure_from(V, F, np.array([0]))
+    colatitude = np.arccos(np.clip(V[:, 2], -1.0, 1.0))
+    middle = (colatitude > 0.3) & (colatitude < np.pi - 0.3)
+    south = unit(V * V[:, [2]] - [0.0, 0.0, 1.0])
+    east = np.cross(south, V)
+    way = np.where(middle, np.random.default_rng(0).uniform(-0.02, 0.02, len(V)), 0.0)
+    down, aside = (unit(V + way[:, None] * along) for along in (south, east))
+    moved = slid(near, down)
+    np.testing.assert_array_equal(moved.V, down)
+    np.testing.assert_allclose((moved.H - near.H)[0] * near.unit, way, atol=0.0005)
+    np.testing.assert_allclose(slid(near, aside).H, near.H, atol=0.0005 / near.unit)
+    np.testing.assert_array_equal(slid(near, V).H, near.H)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -177,6 +177,12 @@ def gallop_plan(gallop) -> SurfacePlan:
     return Apex().plan(gallop, WORDS)
 
 
+def test_keys_before_and_after_the_middle_come_out_alike_in_any_number_of_processes(gallop):
+    plans = [Apex(hold=1).plan(gallop, WORDS, jobs=jobs) for jobs in (1, 2)]
+    assert plans[0].displacements.shape[0] == 3
+    np.testing.assert_array_equal(plans[0].displacements, plans[1].displacements)
+
+
 def mean_mrms(plan, animation):
     found = [
         surface_distance(frame.points, frame.faces, plan.mark(t, frame), frame.faces, seed=1)

@@ -3,12 +3,14 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from meshmark.errors import InputError, UsageError
-from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map
+from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
 from meshmark.scratch import ScratchFile
 
 
@@ -68,6 +70,51 @@ def test_items_are_consumed_as_results_are_taken(jobs) -> None:
         results = workers.map(items)
         assert [next(results) for _ in range(3)] == [0, 1, 4]
         assert len(taken) == (3 if jobs == 1 else 3 + 2 * jobs)
+
+
+def processes_of(jobs) -> set[int]:
+    return {process for _, process in ordered_map(process_of, range(8), jobs=jobs)}
+
+
+def test_workers_are_shared_and_end_with_the_block() -> None:
+    with shared_workers(2):
+        found = processes_of(2)
+        with shared_workers(2):
+            found |= processes_of(2)
+        with Workers(process_of, 2) as workers:
+            found |= {process for _, process in workers.map(range(8))}
+            # Two functions at a time.
+            assert list(ordered_map(square, range(4), jobs=2)) == [0, 1, 4, 9]
+        found |= processes_of(2)
+        assert len(found) <= 2
+        assert all(Path(f"/proc/{process}").exists() for process in found)
+    assert os.getpid() not in found
+    assert not any(Path(f"/proc/{process}").exists() for process in found)
+    assert not found & processes_of(2)
+
+
+def test_a_round_left_half_way_does_not_spoil_the_next() -> None:
+    with shared_workers(2):
+        first = next(iter(ordered_map(square, range(50), jobs=2)))
+        assert [first, *ordered_map(process_of, [3, 4], jobs=2)][1][0] == 3
+
+
+def test_functions_reach_workers_where_nothing_can_be_written(monkeypatch) -> None:
+    def refuse(*args, **kwargs):
+        raise OSError("read-only file system")
+
+    monkeypatch.setattr("meshmark.parallel.tempfile.TemporaryDirectory", refuse)
+    assert list(ordered_map(square, range(8), jobs=2)) == [x * x for x in range(8)]
+
+
+def threads_of(x: int) -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_linear_algebra_keeps_to_one_thread(jobs) -> None:
+    with threadpool_limits(limits=2, user_api="blas"), shared_workers(jobs):
+        assert set().union(*ordered_map(threads_of, range(4), jobs=jobs)) == {1}
 
 
 def test_jobs_from_the_environment(monkeypatch) -> None:

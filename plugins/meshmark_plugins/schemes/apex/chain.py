@@ -13,15 +13,17 @@ from meshmark.parallel import Workers
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import Energy, energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds
-from meshmark_plugins.schemes.apex.poses import AskPose, Question
+from meshmark_plugins.schemes.apex.poses import AskPose, Measured, Work
 from meshmark_plugins.schemes.apex.survey import Neighbourhood
 
 FloatArray = NDArray[np.float64]
 
-Asking = Workers[tuple[Question, int, FloatArray], Any]
+Asking = Workers[Work, Any]
 
 # Rounds of measuring and solving at the key that all others start from, and at those.
 FIRST_ROUNDS, LATER_ROUNDS = 4, 2
+# Rounds after which distances are measured anew; in between they are carried over.
+MEASURED_EVERY = 2
 # How far a round goes from the displacement it measured to the one it found. Chips follow moves
 # in proportion only nearby: whole steps overshoot, and the rounds swing to and fro.
 STEP = 0.5
@@ -41,14 +43,14 @@ class Chain:
         Of the reference frame, about every place where an anchor is seen.
     workers : Workers
         Which do the measuring.
-    demands : dict
-        What the poses of the last key asked for, by frame.
+    asked : dict of (Demand, Measured)
+        What the poses of the last key asked for, and their distances, by frame.
     """
 
     ask: AskPose
     guards: list[Neighbourhood]
     workers: Asking
-    demands: dict[int, Demand] = field(default_factory=dict)
+    asked: dict[int, tuple[Demand, Measured]] = field(default_factory=dict)
 
     def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
         """Find the displacement that serves some poses best, (3 N,), starting from another."""
@@ -57,22 +59,24 @@ class Chain:
         carried = [(P, cover.deformation.gradients(P)) for P in points]
         energy = self._guarded(energy_over_poses(carried, cover.V, cover.F, width), poses)
         folds = Folds(cover.F, cover.root_area, carried[:: max(1, (len(poses) - 1) // 2)])
-        known = {t: self.demands[t] for t in poses if t in self.demands}
-        for _ in range(rounds):
-            # Those that the last key asked for are as good as new: it went where they said.
-            new = [t for t in poses if t not in known]
-            known.update(zip(new, self._answers("demand", new, d), strict=True))
-            self.demands = known
-            found = displacement([known[t] for t in poses], energy, REACH * width, d)
+        # What the last key was asked for is as good as new: it went where that led.
+        self.asked = {t: self.asked[t] for t in poses if t in self.asked}
+        self._ask([t for t in poses if t not in self.asked], d)
+        for turn in range(rounds):
+            if turn > 0:
+                self._ask(poses, d, anew=turn % MEASURED_EVERY == 0)
+            demands = [self.asked[t][0] for t in poses]
+            found = displacement(demands, energy, REACH * width, d)
             d = folds.ironed(d + (STEP if d.any() else 1.0) * (found - d))
-            known = {}
         # What one pose would have to hold back is held back in all: a move that comes and goes
         # is seen, one that is shorter is not.
-        shares = list(self._answers("share", poses, d))
+        shares = list(self.workers.map([("share", t, d, None) for t in poses]))
         return d * np.repeat(np.min(shares, axis=0), 3)
 
-    def _answers(self, question: Question, poses: list[int], d: FloatArray) -> Any:
-        return self.workers.map([(question, t, d) for t in poses])
+    def _ask(self, poses: list[int], d: FloatArray, anew: bool = True) -> None:
+        """Ask poses what they want of a displacement, distances measured anew or carried over."""
+        work: list[Work] = [("demand", t, d, None if anew else self.asked[t][1]) for t in poses]
+        self.asked.update(zip(poses, self.workers.map(work), strict=True))
 
     def _guarded(self, energy: Energy, poses: list[int]) -> Energy:
         """Make moves dear about the anchors that some poses show."""
@@ -106,7 +110,7 @@ def solve_keys(
     solved[start] = first.solve(posed[start], np.zeros(ask.cover.V.size), FIRST_ROUNDS)
 
     def go(way: range) -> None:
-        chain = Chain(ask, guards, workers, first.demands)
+        chain = Chain(ask, guards, workers, first.asked)
         for before, j in zip([start, *way], way, strict=False):
             solved[j] = chain.solve(posed[j], solved[before], LATER_ROUNDS)
 

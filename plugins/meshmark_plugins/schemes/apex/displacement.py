@@ -19,7 +19,7 @@ BoolArray = NDArray[np.bool_]
 
 # Rounds of: which chips still fall short, what moved or stretched far, solve.
 ROUNDS = 4
-ITERATIONS = 40
+ITERATIONS = 12
 TOLERANCE = 1e-3
 # How steeply the cost of a move rises beyond its reach, and that of a stretch beyond STRAIN:
 # at a strain of 1, triangles fold.

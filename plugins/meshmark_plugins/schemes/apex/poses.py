@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, csr_matrix, diags_array, vstack
+from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.animation import MeshAnimation
 from meshmark.deformation import Deformation
@@ -18,7 +18,7 @@ from meshmark.restraint import allowed_shares
 from meshmark.surface import ClosestPoints
 from meshmark.topology import face_components
 from meshmark_plugins.schemes.apex.displacement import Demand
-from meshmark_plugins.schemes.apex.gradients import chip_gradients
+from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
 from meshmark_plugins.schemes.apex.layout import Layout
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import (
@@ -93,6 +93,27 @@ class Cover:
 
 
 @dataclass(frozen=True, eq=False)
+class Measured:
+    """Distances from the anchors in a pose.
+
+    Parameters
+    ----------
+    nears : list of ((m,) int, Neighbourhood)
+        Piece by piece, with which of the layout's anchors each has.
+    """
+
+    nears: list[tuple[IntArray, Neighbourhood]]
+
+    def slid(self, X: FloatArray) -> Measured:
+        """Carry the distances along with vertices that have slid a little, to X (N, 3)."""
+        return Measured([(rows, slid(near, X[near.piece.vertices])) for rows, near in self.nears])
+
+
+# A question, the frame and the displacement it is about, and what is known of the pose.
+Work = tuple[Question, int, FloatArray, Measured | None]
+
+
+@dataclass(frozen=True, eq=False)
 class AskPose:
     """Measures displacements in poses of an animation; picklable, for worker processes.
 
@@ -119,55 +140,74 @@ class AskPose:
     tuning: Tuning
     anchors: Mapping[int, IntArray]
 
-    def __call__(self, work: tuple[Question, int, FloatArray]) -> Any:
+    def __call__(self, work: Work) -> Any:
         """Answer a question about a frame and a displacement; see the methods of that name."""
-        question, index, d = work
-        return self.share(index, d) if question == "share" else self.demand(index, d)
+        question, index, d, before = work
+        return self.share(index, d) if question == "share" else self.demand(index, d, before)
 
     def share(self, index: int, d: FloatArray) -> FloatArray:
         """Find how much of its move frame `index` leaves each vertex, (N,)."""
         P = self.animation[index].points
         return self.cover.laid(P, d, ClosestPoints(P, self.cover.F))[1]
 
-    def demand(self, index: int, d: FloatArray) -> Demand:
-        """Lay a displacement over frame `index`, and see what its chips still want."""
+    def demand(
+        self, index: int, d: FloatArray, before: Measured | None = None
+    ) -> tuple[Demand, Measured]:
+        """Lay a displacement over frame `index`, and see what its chips still want.
+
+        Parameters
+        ----------
+        index : int
+            The frame.
+        d : (3 N,) float64
+            The displacement, in root areas of the reference frame.
+        before : Measured, optional
+            The same pose under a displacement not far from this one: distances are carried over
+            instead of being measured.
+
+        Returns
+        -------
+        demand : Demand
+        measured : Measured
+            What to hand over another time.
+        """
         P, F = self.animation[index].points, self.cover.F
         X, _ = self.cover.laid(P, d, ClosestPoints(P, F))
-        s, n, J = self._chips(X, F, replace(self.layout, anchors=self.anchors[index]))
+        layout = replace(self.layout, anchors=self.anchors[index])
+        measured = before or Measured(layout.measured(X, F, self.cover.label))
+        G = self.cover.root_area * self.cover.deformation.gradients(P)
+        s, n, J = self._chips(measured if before is None else before.slid(X), G)
         right = self.words * s
         held = n >= LEAST_COUNT
-        G = self.cover.deformation.gradients(P)
-        blocks = bsr_matrix((G, np.arange(len(G)), np.arange(len(G) + 1)))
-        signs = diags_array(self.words.ravel() * self.cover.root_area)
-        J = csr_matrix(signs @ J @ blocks)
+        J = csr_matrix(diags_array(self.words.ravel().astype(np.float64)) @ J)
         target = targets(n, self.tuning.strength)
         lacking = np.where(held, target - right, 0.0).ravel()
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
-        return Demand(J, lacking + J @ d, target.ravel(), PRICE * self.tuning.width**2 * worth)
+        change = lacking + J @ d
+        return Demand(J, change, target.ravel(), PRICE * self.tuning.width**2 * worth), measured
 
     def _chips(
-        self, X: FloatArray, F: IntArray, layout: Layout
+        self, measured: Measured, G: FloatArray
     ) -> tuple[FloatArray, FloatArray, csr_matrix]:
-        """Measure chips (C, K), their counts, and their gradients (C K, 3 N)."""
+        """Measure chips (C, K), their counts, and their gradients (C K, 3 N).
+
+        `G` (N, 3, 3) carries the moves that they are differentiated by to the pose.
+        """
         K, width = self.tuning.bins, self.tuning.width
-        measured = layout.measured(X, F, self.cover.label)
-        found = [
-            self._one_piece(near, float(layout.units[rows[0]]), K, width, len(X))
-            for rows, near in measured
-        ]
-        order = np.argsort(np.concatenate([rows for rows, _ in measured]), kind="stable")
+        found = []
+        for rows, near in measured.nears:
+            unit = float(self.layout.units[rows[0]])
+            s, n, weights = chips_about(near, unit, K, width)
+            directions = np.einsum(
+                "nxy,mnx->mny", G[near.piece.vertices], distance_directions(near), optimize=True
+            )
+            J = chip_gradients(near.in_units(unit), directions, weights, width, K, len(G))
+            found.append((s, n, J))
+        order = np.argsort(np.concatenate([rows for rows, _ in measured.nears]), kind="stable")
         s, n = (np.concatenate([item[k] for item in found])[order] for k in (0, 1))
         rows = (order[:, None] * K + np.arange(K)).ravel()
-        blocks = [item[2] for item in found]
-        J = blocks[0] if len(blocks) == 1 else csr_matrix(vstack(blocks))
+        J = found[0][2] if len(found) == 1 else csr_matrix(vstack([item[2] for item in found]))
         return s, n, csr_matrix(J[rows])
-
-    @staticmethod
-    def _one_piece(
-        near: Neighbourhood, unit: float, K: int, width: float, n_points: int
-    ) -> tuple[FloatArray, FloatArray, csr_matrix]:
-        s, n, weights = chips_about(near, unit, K, width)
-        return s, n, chip_gradients(near.in_units(unit), weights, width, K, n_points)
 
 
 def targets(n: FloatArray, strength: float) -> FloatArray:
