@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from itertools import pairwise
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -109,13 +111,22 @@ def solve_keys(
     solved = np.empty((len(posed), ask.cover.V.size))
     solved[start] = first.solve(posed[start], np.zeros(ask.cover.V.size), FIRST_ROUNDS)
 
+    stopped = Event()
+
     def go(way: range) -> None:
         chain = Chain(ask, guards, workers, first.asked)
-        for before, j in zip([start, *way], way, strict=False):
+        for before, j in pairwise([start, *way]):
+            if stopped.is_set():
+                return
             solved[j] = chain.solve(posed[j], solved[before], LATER_ROUNDS)
 
     ways = (range(start + 1, len(posed)), range(start - 1, -1, -1))
     with ThreadPoolExecutor(min(jobs, len(ways))) as threads:
-        for _ in threads.map(go, ways):
-            pass
+        try:
+            for done in as_completed([threads.submit(go, way) for way in ways]):
+                done.result()
+        except BaseException:
+            # Nobody wants the rest of the other way any more.
+            stopped.set()
+            raise
     return solved
