@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from meshmark.placement import Placement
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-SoftArray = NDArray[np.float32]
 
 # (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
 # reference; inf where a match is out of the question.
@@ -72,15 +72,15 @@ class Aligned:
 
     Parameters
     ----------
-    soft : (T, R, C, K) float32
-        Evidence; a carrier missing from a frame is all erasures there.
+    soft : (T, R, C, K) floating
+        Evidence, as exact as it was given; a carrier missing from a frame is all erasures there.
     log_prior : (R,) float64
         Log belief in each reading.
     placements : tuple of Placement, or None
         Which words carriers may hold, as each frame tells.
     """
 
-    soft: SoftArray
+    soft: NDArray[np.floating[Any]]
     log_prior: FloatArray
     placements: tuple[Placement, ...] | None
 
@@ -100,7 +100,7 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
     if not seen:
         raise CapacityError("no carrier is found in any frame")
     reference = max(seen, key=lambda sighting: len(sighting.descriptors))
-    soft = np.zeros((len(sightings), *reference.soft.shape), dtype=np.float32)
+    soft = np.zeros((len(sightings), *reference.soft.shape), dtype=reference.soft.dtype)
     R, C, _ = reference.soft.shape
     places = np.full((len(sightings), R, C), np.nan)
     doubts = np.ones((len(sightings), C))

@@ -57,10 +57,11 @@ class Strand:
         placements: tuple[Placement, ...] | None = None,
     ) -> Strand:
         """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
-        steps = np.rint(STEPS * soft)
-        # What says little still says something: only an erasure is 0.
-        steps = np.where((soft != 0.0) & (steps == 0.0), np.sign(soft), steps)
-        return cls(restored, log_belief, log_prior, steps.astype(np.int8), placements)
+        steps = np.empty(soft.shape, dtype=np.int8)
+        # Frame by frame: there may be very many.
+        for own, of_frame in zip(steps, soft, strict=True):
+            own[:] = _in_steps(of_frame)
+        return cls(restored, log_belief, log_prior, steps, placements)
 
     def frame(self, index: int) -> FloatArray:
         """Evidence of one frame, (R, C, K), in [-1, 1]."""
@@ -90,6 +91,14 @@ class Strand:
         chosen = list(frames)
         placements = self.placements and tuple(self.placements[t] for t in chosen)
         return replace(self, steps=self.steps[chosen], placements=placements)
+
+
+def _in_steps(soft: NDArray[np.floating[Any]]) -> FloatArray:
+    exact = STEPS * soft.astype(np.float64)
+    steps = np.rint(exact)
+    # What says little still says something: only an erasure is 0.
+    rounded: FloatArray = np.where((exact != 0.0) & (steps == 0.0), np.sign(exact), steps)
+    return rounded
 
 
 @dataclass(frozen=True, eq=False)
