@@ -169,4 +169,4 @@ def _mean_square_acceleration(times: tuple[float, ...], X: tuple[FloatArray, ...
 
 def _mean_square(X: FloatArray) -> float:
     """Average the squared length of vectors (..., 3)."""
-    return float(np.mean(np.sum(X**2, axis=-1)))
+    return float(np.sum(X * X)) * X.shape[-1] / X.size

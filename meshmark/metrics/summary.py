@@ -108,9 +108,11 @@ def distortion(
     if not len(chosen):
         raise UsageError("there is no frame to compare", prim=original.prim)
     compare = _CompareFrames(original, marked, uv, samples, seed)
-    rows = list(ordered_map(compare, chosen, jobs=jobs))
+    rows: list[dict[str, float]] = []
     restlessness, trembling = Flicker(), Jitter()
-    for index in chosen:
+    # What needs the frames in order is done here, while workers compare those ahead.
+    for index, row in zip(chosen, ordered_map(compare, chosen, jobs=jobs), strict=True):
+        rows.append(row)
         before, after = original[index], marked[index]
         if before.topology.same_as(after.topology):
             displacement = after.points - before.points
