@@ -9,7 +9,6 @@ class TestMyJointScheme(JointSchemeSuite):
 from __future__ import annotations
 
 import pickle
-import re
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -31,6 +30,7 @@ from meshmark.judging import judge
 from meshmark.metrics.faces import flipped_faces
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, plane
+from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.schemes import KEY, NAME, OTHER, rounded
 from meshmark.welding import Welding
 
@@ -62,23 +62,13 @@ def needle() -> Mesh:
     return np.outer([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-class JointSchemeSuite:
+class JointSchemeSuite(SchemeRecordSuite):
     """Checks the contract of one joint scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
     def scheme(self) -> JointScheme:
         """Offer the scheme under test."""
         raise NotImplementedError("override the fixture `scheme`")
-
-    @pytest.fixture
-    def record(self) -> SchemeRecord | None:
-        """Offer the record of the scheme; None leaves out the tests of it."""
-        return None
-
-    @pytest.fixture
-    def parts(self) -> dict[str, Any]:
-        """Offer the `segmenter` and the `solver` the record's factory is called with."""
-        return {"segmenter": None, "solver": None}
 
     @pytest.fixture
     def animation(self) -> MeshAnimation:
@@ -108,15 +98,6 @@ class JointSchemeSuite:
         assert isinstance(scheme.restorations, tuple)
         assert scheme.restorations[0] == 0
         assert list(scheme.restorations) == sorted(set(scheme.restorations))
-
-    def test_record_is_complete(self, record: SchemeRecord | None) -> None:
-        """A record names its scheme, says in one line what it does, and has a version."""
-        if record is None:
-            pytest.skip("no record is offered")
-        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", record.name)
-        assert record.summary.strip()
-        assert "\n" not in record.summary
-        assert record.version
 
     def test_recorded_parameters_are_the_defaults(
         self, record: SchemeRecord | None, parts: dict[str, Any], frame: Frame

@@ -9,7 +9,6 @@ class TestMyScheme(SchemeSuite):
 from __future__ import annotations
 
 import pickle
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +25,7 @@ from meshmark.hookspecs import Scheme, SchemeRecord
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.testing.invariance import moved, reordered
+from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.segmenters import lopsided
 
 FloatArray = NDArray[np.float64]
@@ -52,23 +52,13 @@ def swaying(n_frames: int = 3) -> MeshAnimation:
     return MeshAnimation.from_arrays(np.stack(frames), F, prim="/Dumbbell", origin="dumbbell.usda")
 
 
-class SchemeSuite:
+class SchemeSuite(SchemeRecordSuite):
     """Checks the contract of one scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
     def scheme(self) -> Scheme:
         """Offer the scheme under test."""
         raise NotImplementedError("override the fixture `scheme`")
-
-    @pytest.fixture
-    def record(self) -> SchemeRecord | None:
-        """Offer the record of the scheme; None leaves out the tests of it."""
-        return None
-
-    @pytest.fixture
-    def parts(self) -> dict[str, Any]:
-        """Offer the `segmenter` and the `solver` the record's factory is called with."""
-        return {"segmenter": None, "solver": None}
 
     @pytest.fixture
     def animation(self) -> MeshAnimation:
@@ -98,15 +88,6 @@ class SchemeSuite:
         assert scheme.strength > 0
         assert scheme.propagate in ("adapt", "delta")
         assert scheme.rehearsal >= 0
-
-    def test_record_is_complete(self, record: SchemeRecord | None) -> None:
-        """A record names its scheme, says in one line what it does, and has a version."""
-        if record is None:
-            pytest.skip("no record is offered")
-        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", record.name)
-        assert record.summary.strip()
-        assert "\n" not in record.summary
-        assert record.version
 
     def test_recorded_parameters_are_the_defaults(
         self, record: SchemeRecord | None, parts: dict[str, Any]
