@@ -80,7 +80,8 @@ def _errors_of(evidence: Evidence, words: IntArray) -> BitErrors:
     placement = strand.placement and strand.placement.under(reading)
     fit = _fits(strand.pooled[[reading]], words, placement)[0]
     steps = strand.steps[:, reading]
-    decided = np.abs(steps.astype(np.int64)) > evidence.decisive * STEPS
+    # Rounded like the evidence itself: what is just as much does not exceed it.
+    decided = np.abs(steps.astype(np.int64)) > np.rint(evidence.decisive * STEPS)
     return _bit_errors(fit, np.where(decided, steps, 0), words)
 
 

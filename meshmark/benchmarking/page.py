@@ -16,8 +16,8 @@ STAGES = ("read", "attack", "segment", "distances", "other")
 _ABOUT_SHARES = """\
 **Reading the tables.** BER is the published figure, the smallest bit error rate among the parts
 of a frame, averaged and maximised over frames. Bits that a scheme leaves undecided are neither
-right nor wrong (`apex` decides at two to one), and frames that it passes over are left out (`apex`:
-blends of those beside them). The figure is a minimum over several tries, and the last
+right nor wrong (`apex` decides at seven to three), and frames that it passes over are left out
+(`apex`: blends of those beside them). The figure is a minimum over several tries, and the last
 columns tell what that is worth: the share of *unmarked* frames whose best part shows at most
 {lucky:g}. No verdict rests on it. log10 p bounds the probability that a key chosen at random does
 as well on the very same file, all frames and parts together, everything searched paid for; beside

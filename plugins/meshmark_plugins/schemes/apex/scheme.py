@@ -19,6 +19,7 @@ from meshmark_plugins.schemes.apex.places import N_WORDS, bulk, place_of
 from meshmark_plugins.schemes.apex.plan import SurfacePlan, plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import (
+    CUT_WORTH,
     OFFSETS,
     Guesses,
     cells_needed,
@@ -34,8 +35,9 @@ IntArray = NDArray[np.int64]
 
 # Anchors beyond the words' number that detection still looks at: some will be false.
 SPARE = 2
-# Evidence of a bit: two to one for it. It is tanh of half the logarithm of such odds.
-DECISIVE = 1.0 / 3.0
+# Evidence that a bit must exceed: what a chip has at most that a cut runs through, and seven to
+# three in odds, as it is tanh of half their logarithm.
+DECISIVE = CUT_WORTH
 # Belief that an anchor is a false one: where it stands out as little as those that are not
 # marked, where it does as those that are, and on a border, which a cut may have made. How near to
 # a border that is, in root areas.
