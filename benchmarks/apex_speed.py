@@ -192,7 +192,8 @@ def _page(
         "Looking at one frame, as it stands and with 10, 30 and 50 iterations of smoothing undone:",
         _stage_table({name: looking for name, (_, looking) in stages.items()}),
         "What bounds marking is measuring poses, chips with their gradients and distances, done "
-        "in parallel, and solving for one displacement after the other, which is not.",
+        "in parallel, and solving for displacements, of which two at a time may be under way "
+        "beside it.",
         "## Memory",
         "Peak of the largest process, horse; verification looks at every frame:",
         table(("frames", "embed, s", "embed, MB", "verify, s", "verify, MB"), memory),
