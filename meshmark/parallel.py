@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import tempfile
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
@@ -57,7 +58,7 @@ def ordered_map(
     """
     work = list(items)
     n_jobs = default_jobs() if jobs is None else jobs
-    running = _shared is not None and _shared.is_running
+    running = _shared.pool is not None and _shared.pool.is_running
     fewest = FEWEST_FOR_WORKERS if running else FEWEST_FOR_NEW_WORKERS
     with Workers(function, min(n_jobs, len(work)) if len(work) >= fewest else 1) as workers:
         yield from workers.map(work)
@@ -78,17 +79,16 @@ def shared_workers(jobs: int) -> Iterator[None]:
     jobs : int
         Worker processes.
     """
-    global _shared
-    if _shared is not None:
+    if _shared.pool is not None:
         yield
         return
     pool = _Pool(jobs)
-    _shared = pool if jobs > 1 else None
+    _shared.pool = pool if jobs > 1 else None
     try:
         with one_thread():
             yield
     finally:
-        _shared = None
+        _shared.pool = None
         pool.close()
 
 
@@ -128,12 +128,12 @@ class Workers(Generic[Item, Result]):
 
     def __enter__(self) -> Workers[Item, Result]:
         if self._jobs > 1:
-            self._pool = _shared or _Pool(self._jobs)
+            self._pool = _shared.pool or _Pool(self._jobs)
             self._kept = self._pool.keep(self._function)
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._pool is not None and self._pool is not _shared:
+        if self._pool is not None and self._pool is not _shared.pool:
             self._pool.close()
         elif isinstance(self._kept, Path):
             self._kept.unlink()
@@ -201,8 +201,13 @@ class _Pool:
             self._folder.cleanup()
 
 
-# Within `shared_workers`, the processes that all share.
-_shared: _Pool | None = None
+class _Shared(threading.local):
+    """The processes that all share within `shared_workers`, each thread its own."""
+
+    pool: _Pool | None = None
+
+
+_shared = _Shared()
 
 
 def _call(kept: Path | bytes, item: Any) -> Any:
