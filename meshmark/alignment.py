@@ -73,14 +73,14 @@ class Aligned:
     Parameters
     ----------
     soft : (T, R, C, K) floating
-        Evidence, as exact as it was given; a carrier missing from a frame is all erasures there.
+        Evidence, in the type it was given; a carrier missing from a frame is all erasures there.
     log_prior : (R,) float64
         Log belief in each reading.
     placements : tuple of Placement, or None
         Which words carriers may hold, as each frame tells.
     """
 
-    soft: NDArray[np.floating[Any]]
+    soft: NDArray[Any]
     log_prior: FloatArray
     placements: tuple[Placement, ...] | None
 
@@ -100,21 +100,30 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
     if not seen:
         raise CapacityError("no carrier is found in any frame")
     reference = max(seen, key=lambda sighting: len(sighting.descriptors))
-    soft = np.zeros((len(sightings), *reference.soft.shape), dtype=reference.soft.dtype)
-    R, C, _ = reference.soft.shape
-    places = np.full((len(sightings), R, C), np.nan)
-    doubts = np.ones((len(sightings), C))
+    R, C, K = reference.soft.shape
+    soft = np.zeros((len(sightings), R, C, K), dtype=reference.soft.dtype)
+    placements = [Placement(np.full((R, C), np.nan), np.ones(C))] * len(sightings)
     for t, sighting in enumerate(sightings):
         if sighting is not None:
             own, theirs = _matched(sighting, reference, matcher)
             soft[t][:, theirs] = sighting.soft[:, own]
             if sighting.placement is not None:
-                places[t][:, theirs] = sighting.placement.place[:, own]
-                doubts[t][theirs] = sighting.placement.doubt[own]
-    if reference.placement is None:
-        return Aligned(soft, reference.log_prior, None)
-    placements = tuple(map(Placement, places, doubts))
-    return Aligned(soft, reference.log_prior, placements)
+                placements[t] = _moved(sighting.placement, own, theirs, C)
+    placed = None if reference.placement is None else tuple(placements)
+    return Aligned(soft, reference.log_prior, placed)
+
+
+def _moved(placement: Placement, own: IntArray, theirs: IntArray, C: int) -> Placement:
+    """Give carriers `own` of a placement the indices `theirs` among C; others are unknown."""
+    everyone = np.arange(C)
+    if np.array_equal(own, everyone) and np.array_equal(theirs, everyone):
+        # The usual case, shared: of a long animation, copies would add up.
+        return placement
+    place = np.full((len(placement.place), C), np.nan)
+    doubt = np.ones(C)
+    place[:, theirs] = placement.place[:, own]
+    doubt[theirs] = placement.doubt[own]
+    return Placement(place, doubt)
 
 
 def _matched(

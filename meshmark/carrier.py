@@ -69,9 +69,10 @@ class Sighting:
 
     Parameters
     ----------
-    soft : (R, C, K) float
+    soft : (R, C, K) float or int8
         Evidence of the K chips of C carriers in [-1, 1], for each of R readings; 0 for an
-        erasure, which says neither +1 nor -1. Measured without any key.
+        erasure, which says neither +1 nor -1. Measured without any key. Schemes give it as
+        floats; what is kept of it are the int8 steps of `meshmark.evidence.in_steps`.
     log_prior : (R,) float64
         Natural logarithm of the belief in each reading; the exponentials sum to at most 1.
     descriptors : (C, m) float64
@@ -85,7 +86,7 @@ class Sighting:
         it counts in verdicts.
     """
 
-    soft: NDArray[np.floating[Any]]
+    soft: NDArray[Any]
     log_prior: FloatArray
     descriptors: FloatArray
     vertices: IntArray | None = None

@@ -14,7 +14,7 @@ from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError
-from meshmark.evidence import Evidence, Strand
+from meshmark.evidence import Evidence, Strand, in_steps
 from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.parallel import ordered_map
@@ -96,8 +96,8 @@ class Observer:
 
 
 def _compact(sighting: Sighting | None) -> Sighting | None:
-    """Keep evidence in two bytes a number, finer than the steps it is judged in."""
-    return sighting and replace(sighting, soft=sighting.soft.astype(np.float16))
+    """Keep evidence in the steps it is judged in: of long animations there is much."""
+    return sighting and replace(sighting, soft=in_steps(sighting.soft))
 
 
 class Extraction:
@@ -190,12 +190,12 @@ class Extraction:
         if all(sighting is None for sighting in sightings):
             return None
         found = aligned(sightings, self._matcher(frames))
-        return Strand.of(
-            found.soft,
-            found.log_prior,
-            restored,
-            self._log_belief(restored),
-            found.placements,
+        return Strand(
+            restored=restored,
+            log_belief=self._log_belief(restored),
+            log_prior=found.log_prior,
+            steps=found.soft,
+            placements=found.placements,
         )
 
     def _log_belief(self, restored: int) -> float:

@@ -57,11 +57,7 @@ class Strand:
         placements: tuple[Placement, ...] | None = None,
     ) -> Strand:
         """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
-        steps = np.empty(soft.shape, dtype=np.int8)
-        # Frame by frame: there may be very many.
-        for own, of_frame in zip(steps, soft, strict=True):
-            own[:] = _in_steps(of_frame)
-        return cls(restored, log_belief, log_prior, steps, placements)
+        return cls(restored, log_belief, log_prior, in_steps(soft), placements)
 
     def frame(self, index: int) -> FloatArray:
         """Evidence of one frame, (R, C, K), in [-1, 1]."""
@@ -93,12 +89,15 @@ class Strand:
         return replace(self, steps=self.steps[chosen], placements=placements)
 
 
-def _in_steps(soft: NDArray[np.floating[Any]]) -> FloatArray:
+def in_steps(soft: NDArray[np.floating[Any]]) -> NDArray[np.int8]:
+    """Round evidence in [-1, 1] to whole units of 1 / `STEPS`, one byte a number.
+
+    What says little still says something: only an erasure becomes 0.
+    """
     exact = STEPS * soft.astype(np.float64)
     steps = np.rint(exact)
-    # What says little still says something: only an erasure is 0.
-    rounded: FloatArray = np.where((exact != 0.0) & (steps == 0.0), np.sign(exact), steps)
-    return rounded
+    steps = np.where((exact != 0.0) & (steps == 0.0), np.sign(exact), steps)
+    return np.asarray(steps, dtype=np.int8)
 
 
 @dataclass(frozen=True, eq=False)

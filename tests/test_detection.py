@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -14,8 +14,10 @@ from meshmark.animation import MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
+from meshmark.evidence import in_steps
 from meshmark.judging import judge
 from meshmark.keys import Key
+from meshmark.placement import Placement
 from meshmark.testing.meshes import icosphere
 from meshmark.verification import LOOKS, verify, verify_in_looks
 
@@ -115,6 +117,38 @@ def test_looks_that_grew_show_what_one_look_shows() -> None:
         assert (one.restored, one.log_belief) == (two.restored, two.log_belief)
         np.testing.assert_array_equal(one.steps, two.steps)
     assert set(grown.seen) == set(scheme.seen)
+
+
+PLACED = Placement(np.arange(2.0, 2.0 + M)[None], np.full(M, 0.1))
+
+
+@dataclass
+class Turning(Oracle):
+    """Names its carriers the other way round in frame 1, and tells words by their places."""
+
+    n_words = 16
+
+    def sight(self, frame, reference=None) -> Sighting:
+        order = np.arange(M)[:: -1 if frame.time == 1.0 else 1]
+        own = super().sight(frame)
+        placed = Placement(PLACED.place[:, order], PLACED.doubt)
+        return replace(own, soft=own.soft[:, order], vertices=order, placement=placed)
+
+
+def test_what_is_kept_of_a_frame_is_what_it_is_judged_by() -> None:
+    scheme = Turning(noise_at(range(4)).given)
+    view = Extraction(still(4), scheme, NAME)
+    frames = range(4)
+    for strand in view.look(frames).strands:
+        wanted = np.array([in_steps(scheme.given[float(t)][None]) for t in frames])
+        np.testing.assert_array_equal(strand.steps, wanted)
+        for placement in strand.placements:
+            np.testing.assert_array_equal(placement.place, PLACED.place)
+        # Of long animations there is much: a byte a number, and nothing twice that is the same.
+        kept = [view._seen[t, strand.restored] for t in frames]
+        assert {sighting.soft.dtype for sighting in kept} == {np.dtype(np.int8)}
+        same = [s.placement is p for s, p in zip(kept, strand.placements, strict=True)]
+        assert same == [True, False, True, True]
 
 
 @pytest.mark.parametrize("restorations", [(0,), (0, 10), (0, 10, 30, 50)])
