@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshmark.animation import MeshAnimation
+from meshmark.demo import creature as build_creature
 from meshmark.errors import CapacityError, UsageError
 from meshmark.geometry import area_vectors
 from meshmark.keys import Key
@@ -177,8 +178,9 @@ def gallop_plan(gallop) -> SurfacePlan:
     return Apex().plan(gallop, WORDS)
 
 
-def test_keys_before_and_after_the_middle_come_out_alike_in_any_number_of_processes(gallop):
-    plans = [Apex(hold=1).plan(gallop, WORDS, jobs=jobs) for jobs in (1, 2)]
+def test_keys_before_and_after_the_middle_come_out_alike_in_any_number_of_processes():
+    coarse = build_creature(points=3000).select([0, 8, 16])
+    plans = [Apex(hold=1).plan(coarse, WORDS, jobs=jobs) for jobs in (1, 2)]
     assert plans[0].displacements.shape[0] == 3
     np.testing.assert_array_equal(plans[0].displacements, plans[1].displacements)
 

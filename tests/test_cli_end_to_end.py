@@ -153,8 +153,8 @@ def test_sixteen_shared_bits_as_published(run) -> None:
 
 def test_a_recipient_is_named(run) -> None:
     embed = ("embed", "creature.usdc", "--key", "k", "-o", "east.usdc", "--recipient", "east")
-    assert run(*embed, "--frames", "1:9")[0] == 0
-    asked = ("verify", "east.usdc", "--key", "k", "--frames", "1:9", "--json")
+    assert run(*embed, "--frames", "1:1")[0] == 0
+    asked = ("verify", "east.usdc", "--key", "k", "--frames", "1:1", "--json")
     code, out, _ = run(*asked, "--recipient", "west", "--recipient", "east")
     assert code == 0
     assert json.loads(out)["assets"][0]["recipient"] == "east"
@@ -225,7 +225,7 @@ def test_obj_frames_in_and_out(run, studio, creature) -> None:
     assert run("verify", "frames-marked", "--key", "k")[0] == 0
     assert run("embed", "frames", "-o", "frames.usda", "--key", "k", "--frames", "1:1")[0] == 0
     assert len(read(studio / "frames.usda").meshes[0]) == 2
-    assert run("verify", "frames", "--key", "k")[0] == 1
+    assert run("verify", "frames", "--key", "k", "--scheme", "apex")[0] == 1
 
 
 def test_plugins_are_listed_and_checked(run) -> None:
@@ -237,6 +237,7 @@ def test_plugins_are_listed_and_checked(run) -> None:
         assert run("plugins", "check", name)[0] == 0, name
 
 
+@pytest.mark.slow
 def test_the_demo_tells_its_story(monkeypatch, capsys, tmp_path) -> None:
     from meshmark.demo import story
 
@@ -284,10 +285,10 @@ def test_broken_evidence_is_refused(run, studio) -> None:
 
 def test_recipients_come_from_a_file(run, studio) -> None:
     embed = ("embed", "creature.usdc", "--key", "k", "-o", "seven.usdc", "--recipient", "studio 7")
-    assert run(*embed, "--frames", "1:9")[0] == 0
+    assert run(*embed, "--frames", "1:1")[0] == 0
     names = [f"studio {i}" for i in range(200)]
     (studio / "names").write_text("# who got it\n\n" + "\n".join(names) + "\n")
-    asked = ("verify", "seven.usdc", "--scheme", "apex", "--frames", "1:9", "--json", "--evidence")
+    asked = ("verify", "seven.usdc", "--scheme", "apex", "--frames", "1:1", "--json", "--evidence")
     found = []
     # Measured at first, then read from the file.
     for more in (("--recipient", "@names"), ("--recipient", "@names"), ()):

@@ -246,6 +246,7 @@ def test_changing_connectivity_cannot_be_marked(tube_frame) -> None:
         embed_animation(animation, scheme(), "tsai2014", KEY)
 
 
+@pytest.mark.slow
 def test_the_creature_end_to_end(creature) -> None:
     animation = creature.select([0, 8, 16])
     made = Recipe().build()
