@@ -2,19 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from meshmark.animation import Frame, Topology
+from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.surface import ClosestPoints
-from meshmark_plugins.attacks.frames import CombinePoints, KeepPoints
+from meshmark_plugins.attacks.frames import (
+    CombinePoints,
+    KeepPoints,
+    RandomFunction,
+    naming,
+    require_trajectories,
+    treat_frames,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _CANDIDATES = 16
+
+# (first frame, (M, 3) points and (F, 3) faces made of it) -> how every frame gets them.
+Carry = Callable[[Frame, FloatArray, IntArray], KeepPoints | CombinePoints]
+
+
+def rebuild(
+    attack: str,
+    animation: MeshAnimation,
+    function: RandomFunction,
+    carry: Carry,
+    per: str,
+    rng: np.random.Generator,
+) -> MeshAnimation:
+    """Give an animation a new connectivity.
+
+    Parameters
+    ----------
+    attack : str
+        Name, for messages.
+    function : RandomFunction
+        Makes another mesh of a frame.
+    carry : Carry
+        Carries what was made of the first frame to the others.
+    per : {"frame", "animation"}
+        Every frame by itself; or the first frame only, carried to all.
+    """
+    if per == "frame":
+        single = len(animation) == 1
+        return treat_frames(animation, function, rng, constant_topology=single)
+    require_trajectories(attack, animation, "per='animation'")
+    first = animation[0]
+    with naming(animation.origin, animation.prim, first.time):
+        fresh = function(first, rng)
+    return animation.map(carry(first, fresh.points, fresh.faces))
 
 
 def carry_by_vertices(frame: Frame, V: FloatArray, F: IntArray) -> KeepPoints:

@@ -10,13 +10,8 @@ import numpy as np
 from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, PluginError
 from meshmark.topology import edges
-from meshmark_plugins.attacks.carrying import carry_by_surface
-from meshmark_plugins.attacks.frames import (
-    PER,
-    naming,
-    require_trajectories,
-    treat_frames,
-)
+from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
+from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number, whole
 from meshmark_plugins.attacks.polygons import require_triangles
 
@@ -63,15 +58,8 @@ class RemeshingIsotropic:
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the remeshed animation."""
-        remesh = RemeshEvenly(self.edge, self.iterations)
-        if self.per == "frame":
-            single = len(animation) == 1
-            return treat_frames(animation, remesh, rng, constant_topology=single)
-        require_trajectories("remeshing-isotropic", animation, "per='animation'")
-        first = animation[0]
-        with naming(animation.origin, animation.prim, first.time):
-            fresh = remesh(first, rng)
-        return animation.map(carry_by_surface(first, fresh.points, fresh.faces))
+        function = RemeshEvenly(self.edge, self.iterations)
+        return rebuild("remeshing-isotropic", animation, function, carry_by_surface, self.per, rng)
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,8 @@ from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError
 from meshmark.open3d_door import load_open3d
 from meshmark.topology import boundary_edges, edges, weld
-from meshmark_plugins.attacks.carrying import carry_by_surface
-from meshmark_plugins.attacks.frames import (
-    PER,
-    naming,
-    require_trajectories,
-    treat_frames,
-)
+from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
+from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole
 from meshmark_plugins.attacks.polygons import require_triangles
 
@@ -69,15 +64,8 @@ class RemeshingSdf:
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the remeshed animation."""
-        remesh = RemeshFrame(self.resolution)
-        if self.per == "frame":
-            single = len(animation) == 1
-            return treat_frames(animation, remesh, rng, constant_topology=single)
-        require_trajectories("remeshing-sdf", animation, "per='animation'")
-        first = animation[0]
-        with naming(animation.origin, animation.prim, first.time):
-            fresh = remesh(first, rng)
-        return animation.map(carry_by_surface(first, fresh.points, fresh.faces))
+        function = RemeshFrame(self.resolution)
+        return rebuild("remeshing-sdf", animation, function, carry_by_surface, self.per, rng)
 
 
 @dataclass(frozen=True)

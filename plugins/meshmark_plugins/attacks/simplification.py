@@ -9,13 +9,8 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.open3d_door import load_open3d
-from meshmark_plugins.attacks.carrying import carry_by_vertices
-from meshmark_plugins.attacks.frames import (
-    PER,
-    naming,
-    require_trajectories,
-    treat_frames,
-)
+from meshmark_plugins.attacks.carrying import carry_by_vertices, rebuild
+from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.polygons import require_triangles
 
@@ -69,15 +64,8 @@ class Simplification:
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the simplified animation."""
-        simplify = SimplifyFrame(self.ratio, self.method)
-        if self.per == "frame":
-            single = len(animation) == 1
-            return treat_frames(animation, simplify, rng, constant_topology=single)
-        require_trajectories("simplification", animation, "per='animation'")
-        first = animation[0]
-        with naming(animation.origin, animation.prim, first.time):
-            small = simplify(first, rng)
-        return animation.map(carry_by_vertices(first, small.points, small.faces))
+        function = SimplifyFrame(self.ratio, self.method)
+        return rebuild("simplification", animation, function, carry_by_vertices, self.per, rng)
 
 
 @dataclass(frozen=True)
