@@ -14,6 +14,7 @@ from meshmark.errors import (
     OutputError,
     PluginError,
     UsageError,
+    WorkerError,
 )
 from meshmark.keys import Key
 from meshmark.manifest import Manifest
@@ -41,6 +42,7 @@ __all__ = [
     "Topology",
     "UsageError",
     "Verdict",
+    "WorkerError",
     "__version__",
     "embed",
     "mark_file",

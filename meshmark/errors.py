@@ -83,3 +83,9 @@ class PluginError(MeshmarkError):
     """A plugin that could not be loaded, or broke its contract."""
 
     exit_code = 5
+
+
+class WorkerError(MeshmarkError):
+    """A worker process that was ended from outside, or by a crash in native code."""
+
+    exit_code = 5

@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from meshmark.errors import UsageError
+from meshmark.errors import UsageError, WorkerError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -142,6 +143,11 @@ class Workers(Generic[Item, Result]):
         """Apply the function to items, which are consumed only as fast as results are taken.
 
         Several threads may do so at a time.
+
+        Raises
+        ------
+        WorkerError
+            If a worker is killed, or crashes.
         """
         if self._pool is None:
             yield from map(self._function, items)
@@ -154,6 +160,12 @@ class Workers(Generic[Item, Result]):
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
+        except BrokenProcessPool:
+            self._pool.restart()
+            raise WorkerError(
+                "a worker process died, as when memory runs out; "
+                f"fewer of them, {JOBS_VARIABLE}=1, need less"
+            ) from None
         finally:
             wait([future for future in waiting if not future.cancel()])
 
@@ -192,6 +204,10 @@ class _Pool:
             context = multiprocessing.get_context("spawn")
             self._executor = ProcessPoolExecutor(self._jobs, context)
         return self._executor.submit(_call, kept, item)
+
+    def restart(self) -> None:
+        """Start other workers when next asked: one of these died, and the rest ended with it."""
+        self._executor = None
 
     def close(self) -> None:
         """Let the workers end."""

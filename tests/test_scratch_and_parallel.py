@@ -3,13 +3,14 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from meshmark.errors import InputError, UsageError
+from meshmark.errors import InputError, UsageError, WorkerError
 from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
 from meshmark.scratch import ScratchFile
 
@@ -91,6 +92,20 @@ def test_workers_are_shared_and_end_with_the_block() -> None:
     assert os.getpid() not in found
     assert not any(Path(f"/proc/{process}").exists() for process in found)
     assert not found & processes_of(2)
+
+
+def killed_at_seven(x: int) -> int:
+    if x == 7:
+        # As the system does to whoever asks for too much memory.
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x
+
+
+def test_a_killed_worker_is_told_of_and_replaced() -> None:
+    with shared_workers(2):
+        with pytest.raises(WorkerError, match=f"worker process died.*{JOBS_VARIABLE}=1"):
+            list(ordered_map(killed_at_seven, range(20), jobs=2))
+        assert list(ordered_map(square, range(4), jobs=2)) == [0, 1, 4, 9]
 
 
 def test_a_round_left_half_way_does_not_spoil_the_next() -> None:
