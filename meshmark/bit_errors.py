@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark.evidence import STEPS, Evidence, Strand
+from meshmark.evidence import STEPS, Evidence
 from meshmark.placement import WINDOW, Placement
 from meshmark.statistics import reading_promises
 
@@ -59,11 +59,15 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     Where vertices keep their identity and there is one reading, which part holds which word is
     told by all frames together. Otherwise each frame is taken by itself, as the published protocol
     does: a part of one frame need not be there in another, and of several readings the one that
-    speaks most for the words is taken, which need not be the same in every pose.
+    speaks most for the words is taken, which need not be the same in every pose. Where vertices
+    keep their identity, what it says in all frames together counts beside what it says in one:
+    the copy was treated alike in all of them.
     """
     if len(words) == 1 or (evidence.tracked and _read_in_one_way(evidence)):
-        return _errors_of(evidence, words)
-    alone = [_errors_of(evidence.select([t]), words) for t in range(len(evidence.times))]
+        return _errors_of(evidence, words, _scores(evidence, words))
+    shared = _scores(evidence, words) if evidence.tracked else None
+    frames = [evidence.select([t]) for t in range(len(evidence.times))]
+    alone = [_errors_of(frame, words, _scores(frame, words, shared)) for frame in frames]
     return BitErrors(
         per_frame=np.concatenate([errors.per_frame for errors in alone]),
         best_part=np.concatenate([errors.best_part for errors in alone]),
@@ -74,9 +78,10 @@ def _read_in_one_way(evidence: Evidence) -> bool:
     return len(evidence.strands) == 1 and len(evidence.strands[0].log_prior) == 1
 
 
-def _errors_of(evidence: Evidence, words: IntArray) -> BitErrors:
-    """Compare the bits of frames whose parts hold the same words, in one reading."""
-    strand, reading = _best_reading(evidence, words)
+def _errors_of(evidence: Evidence, words: IntArray, scores: list[FloatArray]) -> BitErrors:
+    """Compare the bits of frames whose parts hold the same words, in the best reading."""
+    best = int(np.argmax([score.max() for score in scores]))
+    strand, reading = evidence.strands[best], int(np.argmax(scores[best]))
     placement = strand.placement and strand.placement.under(reading)
     fit = _fits(strand.pooled[[reading]], words, placement)[0]
     steps = strand.steps[:, reading]
@@ -85,22 +90,22 @@ def _errors_of(evidence: Evidence, words: IntArray) -> BitErrors:
     return _bit_errors(fit, np.where(decided, steps, 0), words)
 
 
-def _best_reading(evidence: Evidence, words: IntArray) -> tuple[Strand, int]:
-    """Find the strand and reading that speak most for the words.
+def _scores(
+    evidence: Evidence, words: IntArray, beside: list[FloatArray] | None = None
+) -> list[FloatArray]:
+    """How much each reading of each strand speaks for the words, and did so before, (R,) each.
 
-    Where places tell words, that is where the e-value is highest: the more false carriers there
+    Where places tell words, that is the logarithm of the e-value: the more false carriers there
     are, the better some word fits each of them by luck.
     """
-    best: tuple[float, Strand, int] = (-np.inf, evidence.strands[0], 0)
+    scores = []
     for strand in evidence.strands:
         if strand.placement is not None:
             score = reading_promises(strand.pooled, strand.belief, words, strand.placement)
         else:
             score = _fits(strand.pooled, words, None).max(axis=-1).sum(axis=-1)
-        reading = int(np.argmax(score))
-        if score[reading] > best[0]:
-            best = (float(score[reading]), strand, reading)
-    return best[1], best[2]
+        scores.append(score)
+    return scores if beside is None else [a + b for a, b in zip(scores, beside, strict=True)]
 
 
 def _fits(S: FloatArray, words: IntArray, placement: Placement | None) -> FloatArray:

@@ -15,6 +15,8 @@ from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
 from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import (
+    CUT_WORTH,
+    DETOUR,
     GAIN,
     HOST,
     LEAST_BORDER,
@@ -96,17 +98,30 @@ def test_a_chip_that_the_border_runs_through_is_believed_less():
 def test_how_far_chips_are_believed_follows_the_readings():
     rng = np.random.default_rng(0)
     border = np.zeros((1, B))
-    border[0, rng.choice(B, 40)] = 0.4 * WIDTH
+    border[0, rng.choice(B, 20)] = 0.4 * WIDTH
     found = worth(replace(profile_at([]), border=border), K, WIDTH, SCALES, OFFSETS)[:, 0]
     middles = (np.arange(B) + 0.5) / CELLS
     for r, factors in enumerate(found):
         scale, offset = SCALES[r // len(OFFSETS)], OFFSETS[r % len(OFFSETS)]
         x = np.floor(middles * scale + offset - 1.0)
         length = np.array([scale * border[0, x == k].sum() for k in range(K)])
+        nearer = np.cumsum(length) - length
         clear = np.abs(length - LEAST_BORDER * WIDTH) > 1e-9
-        np.testing.assert_array_equal(
-            (factors < 1.0)[clear], (length >= LEAST_BORDER * WIDTH)[clear]
-        )
+        clear &= np.abs(nearer - DETOUR * WIDTH) > 1e-9
+        wanted = (length >= LEAST_BORDER * WIDTH) | (nearer >= DETOUR * WIDTH)
+        np.testing.assert_array_equal((factors < 1.0)[clear], wanted[clear])
+
+
+def test_chips_behind_a_long_cut_are_believed_less_and_behind_a_short_one_not():
+    profiles = profile_at(np.arange(B))
+    for length, spoilt in ((1.8, False), (2.2, True)):
+        border = np.zeros((1, B))
+        # A cut through two bins, no more of it in any of them than any cut leaves there.
+        border[0, FIRST + 4 * CELLS : FIRST + 6 * CELLS] = length * WIDTH / CELLS
+        factors = worth(replace(profiles, border=border), K, WIDTH, *PLAIN)[0, 0]
+        np.testing.assert_array_equal(factors[:4], 1.0)
+        np.testing.assert_array_equal(factors[4:6], CUT_WORTH)
+        np.testing.assert_array_equal(factors[6:], CUT_WORTH if spoilt else 1.0)
 
 
 def read(x, w):

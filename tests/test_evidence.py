@@ -108,6 +108,20 @@ def test_every_frame_is_read_in_its_own_way() -> None:
     np.testing.assert_array_equal(bit_errors(item, words).per_frame, 0.0)
 
 
+def test_a_frame_that_says_little_is_read_as_all_together() -> None:
+    words = KEY.words("tsai2014", 4, 16)
+    soft = np.zeros((4, 2, 4, 16))
+    soft[:, 0] = 0.5 * words
+    # In one frame another reading, loud but not quite right, speaks more for the words by luck.
+    soft[2, 1] = 0.8 * words
+    soft[2, 1, :, :2] *= -1.0
+    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (Strand.of(soft, np.log([0.5, 0.5])),))
+    np.testing.assert_array_equal(bit_errors(item, words).per_frame, 0.0)
+    # Of frames that share no vertices, each may have been treated in another way.
+    alone = bit_errors(replace(item, tracked=False), words)
+    np.testing.assert_allclose(alone.per_frame, [0.0, 0.0, 1 / 8, 0.0])
+
+
 def test_erasures_count_neither_way_and_mostly_erased_parts_not_at_all() -> None:
     words = KEY.words("tsai2014", 1, 16)
     value = np.tile(words.astype(float), (3, 1, 1))

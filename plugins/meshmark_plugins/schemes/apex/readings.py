@@ -40,6 +40,9 @@ GAIN, STRAY, HOST = 0.08, 0.05, 0.5
 # A cut that crosses a bin leaves at least two widths of border in it, one that only enters it
 # less. From so many widths on, vertices are missing, and what is left says so much less.
 LEAST_BORDER, CUT_WORTH = 0.5, 0.4
+# With so many widths of border in the bins before it, the ways to a bin go round a cut, and are
+# longer than they were: it says no more than one that is cut.
+DETOUR = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +145,7 @@ def measure(
 def worth(
     profiles: Profiles, n_bins: int, width: float, scales: FloatArray, offsets: FloatArray
 ) -> FloatArray:
-    """How far the chips of bins are to be believed that the surface's border runs through.
+    """How far chips are to be believed where the surface's border runs through bins.
 
     Parameters
     ----------
@@ -160,7 +163,9 @@ def worth(
         return np.ones(())
     bins = _Bins(profiles.weight.shape[1], n_bins, scales, offsets)
     border = bins.sums(profiles.border) * np.repeat(scales, len(offsets))[:, None, None]
-    factors: FloatArray = np.where(border >= LEAST_BORDER * width, CUT_WORTH, 1.0)
+    nearer = np.cumsum(border, axis=-1) - border
+    spoilt = (border >= LEAST_BORDER * width) | (nearer >= DETOUR * width)
+    factors: FloatArray = np.where(spoilt, CUT_WORTH, 1.0)
     return factors
 
 

@@ -1,0 +1,76 @@
+"""A surface that goes on a little beyond its border."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.geometry import lengths, sum_at_corners, unit
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Rings of triangles, and rounds in which neighbours along the border agree where outwards is:
+# what a cut leaves is a saw's teeth.
+RINGS, ROUNDS = 3, 10
+
+
+def with_collar(V: FloatArray, F: IntArray, width: float) -> tuple[FloatArray, IntArray]:
+    """Extend a surface by a strip along its border, straight on.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions.
+    F : (F, 3) int
+        Triangles, turned alike; their borders need not be simple loops.
+    width : float
+        How far the strip reaches, in the unit of `V`.
+
+    Returns
+    -------
+    V : (N + B RINGS, 3) float64
+        The same vertices, then copies of the B on the border, moved outwards.
+    F : (F + 2 E RINGS, 3) int
+        The same triangles, then two for each of the E border edges and each ring.
+    """
+    sides, opposite = _border(F)
+    if not len(sides):
+        return V, F
+    border, place = np.unique(sides, return_inverse=True)
+    place = place.reshape(sides.shape)
+    outwards = _outwards(V, sides, opposite, place, len(border))
+    away = width * np.arange(1, RINGS + 1)[:, None, None] / RINGS
+    rings = len(V) + np.arange(len(border) * RINGS).reshape(RINGS, -1)
+    inner = np.concatenate([border[None], rings[:-1]])
+    a, b = (inner[:, place[:, end]].ravel() for end in (0, 1))
+    c, d = (rings[:, place[:, end]].ravel() for end in (0, 1))
+    strip = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
+    moved = (V[border] + away * outwards).reshape(-1, 3)
+    return np.concatenate([V, moved]), np.concatenate([F, strip])
+
+
+def _border(F: IntArray) -> tuple[IntArray, IntArray]:
+    """Sides of triangles that have no other one beside them, (E, 2), and the third corners."""
+    sides = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    opposite = np.concatenate([F[:, 2], F[:, 0], F[:, 1]])
+    _, edge, count = np.unique(
+        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    single = count[edge.ravel()] == 1
+    return sides[single], opposite[single]
+
+
+def _outwards(
+    V: FloatArray, sides: IntArray, opposite: IntArray, place: IntArray, n: int
+) -> FloatArray:
+    """Directions in which the surface would go on at its n border vertices, (n, 3)."""
+    along = V[sides[:, 1]] - V[sides[:, 0]]
+    inwards = V[opposite] - V[sides[:, 0]]
+    direction = unit(along)
+    inwards = inwards - np.vecdot(inwards, direction)[:, None] * direction
+    pull = -unit(inwards) * lengths(along)[:, None]
+    outwards = unit(sum_at_corners(pull, place, n))
+    for _ in range(ROUNDS):
+        outwards = unit(sum_at_corners(outwards[place].sum(axis=1), place, n))
+    return outwards
