@@ -48,6 +48,18 @@ def test_a_square_goes_on_in_its_plane():
     assert len(boundary_edges(faces)) == len(boundary_edges(F))
 
 
+def test_borders_shorter_than_asked_for_are_left_alone():
+    V, F = plane(21)
+    # A hole one cell wide in the middle of a square whose sides are 1 long.
+    middle = np.argmin(np.linalg.norm(V[F].mean(axis=1) - V.mean(axis=0), axis=1))
+    F = np.delete(F, middle, axis=0)
+    outer = 4 * 20
+    for shortest, extended in ((0.0, outer + 3), (0.5, outer), (4.5, 0)):
+        wide, faces = with_collar(V, F, WIDTH, shortest)
+        assert len(wide) == len(V) + RINGS * extended
+        assert len(faces) == len(F) + 2 * RINGS * extended
+
+
 def test_a_tube_goes_on_as_a_tube():
     V, F, _ = below(*capsule(40, 120, radius=0.3), 1.0)
     wide, faces = with_collar(V, F, WIDTH)
@@ -96,6 +108,6 @@ def test_distances_beside_a_cut_are_nearly_those_on_the_whole(monkeypatch):
         return np.abs(found * root_area - arcs)[beside]
 
     extended = errors()
-    monkeypatch.setattr(radial, "with_collar", lambda V, F, width: (V, F))
+    monkeypatch.setattr(radial, "with_collar", lambda V, F, *widths: (V, F))
     assert extended.mean() < 0.5 * errors().mean()
     assert extended.max() < 0.5 * errors().max()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from meshmark.geometry import lengths, sum_at_corners, unit
 
@@ -15,8 +17,10 @@ IntArray = NDArray[np.int64]
 RINGS, ROUNDS = 3, 10
 
 
-def with_collar(V: FloatArray, F: IntArray, width: float) -> tuple[FloatArray, IntArray]:
-    """Extend a surface by a strip along its border, straight on.
+def with_collar(
+    V: FloatArray, F: IntArray, width: float, shortest: float = 0.0
+) -> tuple[FloatArray, IntArray]:
+    """Extend a surface by a strip along its borders, straight on.
 
     Parameters
     ----------
@@ -26,15 +30,19 @@ def with_collar(V: FloatArray, F: IntArray, width: float) -> tuple[FloatArray, I
         Triangles, turned alike; their borders need not be simple loops.
     width : float
         How far the strip reaches, in the unit of `V`.
+    shortest : float
+        Length that a border must have: it is left alone if it is shorter, as that of a nostril.
 
     Returns
     -------
     V : (N + B RINGS, 3) float64
-        The same vertices, then copies of the B on the border, moved outwards.
+        The same vertices, then copies of the B on those borders, moved outwards.
     F : (F + 2 E RINGS, 3) int
         The same triangles, then two for each of the E border edges and each ring.
     """
     sides, opposite = _border(F)
+    long = _border_lengths(V, sides) >= shortest
+    sides, opposite = sides[long], opposite[long]
     if not len(sides):
         return V, F
     border, place = np.unique(sides, return_inverse=True)
@@ -59,6 +67,17 @@ def _border(F: IntArray) -> tuple[IntArray, IntArray]:
     )
     single = count[edge.ravel()] == 1
     return sides[single], opposite[single]
+
+
+def _border_lengths(V: FloatArray, sides: IntArray) -> FloatArray:
+    """Length of the border that each side is part of, (E,)."""
+    shape = (len(V), len(V))
+    graph = coo_matrix((np.ones(len(sides)), (sides[:, 0], sides[:, 1])), shape=shape)
+    _, label = connected_components(graph, directed=False)
+    own = label[sides[:, 0]]
+    total = np.bincount(own, lengths(V[sides[:, 1]] - V[sides[:, 0]]))
+    measured: FloatArray = total[own]
+    return measured
 
 
 def _outwards(
