@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from meshmark.geometry import lengths, sum_at_corners, unit
+from meshmark.topology import boundary_edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -41,6 +42,8 @@ def with_collar(
         The same triangles, then two for each of the E border edges and each ring.
     """
     sides, opposite = _border(F)
+    if not len(sides):
+        return V, F
     long = _border_lengths(V, sides) >= shortest
     sides, opposite = sides[long], opposite[long]
     if not len(sides):
@@ -60,13 +63,15 @@ def with_collar(
 
 def _border(F: IntArray) -> tuple[IntArray, IntArray]:
     """Sides of triangles that have no other one beside them, (E, 2), and the third corners."""
-    sides = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    single = boundary_edges(F)
+    if not len(single):
+        return single, single[:, 0]
+    sides = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64)
     opposite = np.concatenate([F[:, 2], F[:, 0], F[:, 1]])
-    _, edge, count = np.unique(
-        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    single = count[edge.ravel()] == 1
-    return sides[single], opposite[single]
+    n = int(F.max()) + 1
+    code = sides.min(axis=1) * n + sides.max(axis=1)
+    found = np.isin(code, single[:, 0] * n + single[:, 1])
+    return sides[found], opposite[found]
 
 
 def _border_lengths(V: FloatArray, sides: IntArray) -> FloatArray:
