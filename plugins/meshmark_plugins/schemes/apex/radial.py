@@ -21,7 +21,7 @@ DIFFUSION = 0.2
 COLLAR = 0.1
 # Length in root areas from which on a border is so extended: a hole that is small beside the
 # diffusion length bends little.
-LEAST_BORDER = 0.3
+SHORTEST_BORDER = 0.3
 
 
 class RadialDistances:
@@ -57,7 +57,7 @@ class RadialDistances:
         if self.root_area == 0.0:
             raise CapacityError("the surface has no area")
         self._n = len(V)
-        U, F = with_collar((V - V.mean(axis=0)) / self.root_area, F, COLLAR, LEAST_BORDER)
+        U, F = with_collar((V - V.mean(axis=0)) / self.root_area, F, COLLAR, SHORTEST_BORDER)
         E = edges(F)
         mean_edge = float(lengths(U[E[:, 0]] - U[E[:, 1]]).mean())
         try:
