@@ -66,7 +66,8 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     if len(words) == 1 or (evidence.tracked and _read_in_one_way(evidence)):
         return _errors_of(evidence, words, _scores(evidence, words))
     shared = _scores(evidence, words) if evidence.tracked else None
-    frames = [evidence.select([t]) for t in range(len(evidence.times))]
+    # One frame at a time: each works out large tables of its own.
+    frames = (evidence.select([t]) for t in range(len(evidence.times)))
     alone = [_errors_of(frame, words, _scores(frame, words, shared)) for frame in frames]
     return BitErrors(
         per_frame=np.concatenate([errors.per_frame for errors in alone]),

@@ -94,10 +94,17 @@ class Windows:
     belief: FloatArray
     doubt: FloatArray
 
-    @cached_property
-    def log_ways(self) -> FloatArray:
-        """Log of the sum of beliefs over all ways in which no word is held twice, (Q, R)."""
-        return np.log([_sums(self.first, belief, self.doubt) for belief in self.belief])
+    def log_ways(self, shift: IntArray, reading: IntArray) -> FloatArray:
+        """Log of the sum of beliefs over all ways in which no word is held twice, (N,).
+
+        Parameters are those of `log_mean`. Rows are few beside all there are of shifts and
+        readings, or many of them alike.
+        """
+        pairs, row = np.unique(np.stack([shift, reading]), axis=1, return_inverse=True)
+        shift, reading = pairs
+        summed = _sums(self.first[reading], self.belief[shift, reading], self.doubt[reading])
+        each: FloatArray = np.log(summed)
+        return each[row]
 
     def words_of(self, values: FloatArray) -> FloatArray:
         """Take from values (..., C, M) those of each carrier's window, (..., C, W)."""
@@ -145,7 +152,7 @@ class Windows:
         x = self.belief[shift, reading] * (e / scale[..., None])
         summed = _sums(self.first[reading], x, self.doubt[reading] / scale)
         mean: FloatArray = np.log(summed) + np.log(scale).sum(axis=-1)
-        return mean - self.log_ways[shift, reading]
+        return mean - self.log_ways(shift, reading)
 
 
 def _sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:

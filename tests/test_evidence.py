@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -193,6 +194,25 @@ def test_frames_that_disagree_on_the_reading_speak_each_by_itself(tracked) -> No
     together = -word_log_e_means(strand.pooled, strand.belief, words) / np.log(10)
     assert judge(item, KEY).log10_p < together - 3
     assert judge(item, KEY).log10_p < -6 < -2 < judge(item, OTHER).log10_p
+
+
+def peak_of_judging(frames: int) -> int:
+    """Bytes that judging so many frames, 64 readings each, takes beside the evidence."""
+    rng = np.random.default_rng(7)
+    soft = rng.uniform(-1, 1, size=(frames, 64, 8, 16))
+    where = Placement(np.tile(np.arange(8.0), (64, 1)), np.full(8, 0.2))
+    strand = Strand.of(soft, np.full(64, -np.log(64.0)), placements=(where,) * frames)
+    item = Evidence("/A", "apex", 16, np.arange(float(frames)), (strand,))
+    tracemalloc.start()
+    judge(item, KEY)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_judging_many_frames_takes_no_more_memory_than_few() -> None:
+    # What is left to grow are the places of all frames, 4 kB each, which a median is taken of.
+    assert peak_of_judging(40) < peak_of_judging(4) + 36 * 8_000
 
 
 def many_ways(*, tracked=True) -> Evidence:

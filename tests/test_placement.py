@@ -41,10 +41,10 @@ def brute_mean(windows, e, shift, reading) -> float:
 def test_the_mean_is_over_all_ways_in_which_no_word_is_held_twice(places) -> None:
     rng = np.random.default_rng(0)
     windows = placement([places, places[::-1]]).windows(M)
-    e = np.exp(rng.normal(size=(4, len(places), WINDOW)))
-    shift, reading = np.array([0, 1, 3, 0]), np.array([0, 1, 0, 1])
+    e = np.exp(rng.normal(size=(5, len(places), WINDOW)))
+    shift, reading = np.array([3, 1, 0, 1, 0]), np.array([0, 1, 0, 1, 1])
     found = windows.log_mean(e, shift, reading)
-    wanted = [brute_mean(windows, e[i], shift[i], reading[i]) for i in range(4)]
+    wanted = [brute_mean(windows, e[i], shift[i], reading[i]) for i in range(5)]
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
