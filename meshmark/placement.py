@@ -106,11 +106,25 @@ class Windows:
         each: FloatArray = np.log(summed)
         return each[row]
 
-    def words_of(self, values: FloatArray) -> FloatArray:
-        """Take from values (..., C, M) those of each carrier's window, (..., C, W)."""
-        index = self.first[..., None] + np.arange(WINDOW)
-        index = np.broadcast_to(index, (*values.shape[:-1], WINDOW))
-        return np.take_along_axis(values, index, axis=-1)
+    def scores(self, S: FloatArray, words: IntArray) -> FloatArray:
+        """Sum each word of a carrier's window times its evidence, (n, R, C, W).
+
+        Parameters
+        ----------
+        S : (R, C, K) float64
+            Evidence.
+        words : (n, M, K) int
+            Words of n keys.
+        """
+        signs = words.astype(np.float64)
+        scores = np.empty((len(words), *self.first.shape, WINDOW))
+        for c, first in enumerate(self.first.T):
+            # Readings differ little on where a carrier stands: few words are in any window.
+            low, high = first.min(), first.max() + WINDOW
+            near = np.einsum("rk,nmk->nrm", S[:, c], signs[:, low:high], optimize=True)
+            index = (first - low)[:, None] + np.arange(WINDOW)
+            scores[:, :, c] = np.take_along_axis(near, index[None], axis=-1)
+        return scores
 
     @cached_property
     def blurred(self) -> FloatArray:

@@ -86,9 +86,10 @@ def word_log_e_means(
     """
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
     windows = None if placement is None else placement.windows(words.shape[-2])
+    log_null = _log_null(S)
     at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * words.shape[-2]))
     means = [
-        _mean_of_readings(S, log_prior, flat[start : start + at_once], windows)
+        _mean_of_readings(S, log_null, log_prior, flat[start : start + at_once], windows)
         for start in range(0, len(flat), at_once)
     ]
     return np.concatenate(means).reshape(lead)
@@ -102,23 +103,24 @@ def reading_promises(
     Other parameters are those of `word_log_e_means`.
     """
     windows = placement.windows(len(words))
-    score, log_null = _scores(S, words[None])
-    return promises(windows.words_of(score), log_null, log_prior, windows)[0]
+    return promises(windows.scores(S, words[None]), _log_null(S), log_prior, windows)[0]
 
 
-def _scores(S: FloatArray, words: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Sum words (n, M, K) times evidence, (n, R, C, M), and of log cosh, (R, T, C)."""
-    score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
-    log_null = log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
-    return score, log_null
+def _log_null(S: FloatArray) -> FloatArray:
+    """Sum log cosh of tilt times evidence (R, C, K), (R, T, C)."""
+    return log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
 
 
 def _mean_of_readings(
-    S: FloatArray, log_prior: FloatArray, words: IntArray, windows: Windows | None
+    S: FloatArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    words: IntArray,
+    windows: Windows | None,
 ) -> FloatArray:
-    score, log_null = _scores(S, words)
     if windows is not None:
-        return mean_of_placed(windows.words_of(score), log_null, log_prior, windows)
+        return mean_of_placed(windows.scores(S, words), log_null, log_prior, windows)
+    score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
     e = e_values(score[:, :, None], log_null, TILTS)
     belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
     promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief

@@ -12,6 +12,7 @@ from meshmark.evidence import Evidence
 from meshmark.json_values import number
 from meshmark.judging import Finding, judge_best
 from meshmark.keys import Key
+from meshmark.parallel import one_thread
 
 Answer = Literal["marked", "not marked", "inconclusive"]
 
@@ -130,10 +131,12 @@ def decide(
     by_prim: dict[str, list[Evidence]] = {}
     for item in evidence:
         by_prim.setdefault(item.prim, []).append(item)
-    prims = tuple(
-        _decide_prim(items, key, hypotheses, price, float(np.log10(fpr)))
-        for items in by_prim.values()
-    )
+    # Last digits must not depend on whether evidence was measured just now or read from a file.
+    with one_thread():
+        prims = tuple(
+            _decide_prim(items, key, hypotheses, price, float(np.log10(fpr)))
+            for items in by_prim.values()
+        )
     if not prims:
         return Verdict(source, "inconclusive", 0.0, None, elapsed_s, (), tuple(notes))
     best = min(prims, key=lambda prim: prim.log10_p)
