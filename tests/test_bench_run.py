@@ -220,22 +220,17 @@ def test_bad_sources_and_ranges_are_refused_before_any_work(source, tmp_path) ->
     assert not (tmp_path / "out").exists()
 
 
+def of_one_frame(source, folder) -> list[object]:
+    """Ask for the first frame's report by the shortened suite."""
+    choice = ("--suite", "tsai2014", "--scheme", "tsai2014", "--frames", "1:1")
+    return ["bench", source, *choice, "-o", folder]
+
+
 def test_the_command_writes_a_report_and_tells_by_its_exit_code(
     source, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:2]))
-    command = [
-        "bench",
-        source,
-        "--suite",
-        "tsai2014",
-        "--scheme",
-        "tsai2014",
-        "--frames",
-        "1:1",
-        "-o",
-        tmp_path / "b",
-    ]
+    command = of_one_frame(source, tmp_path / "b")
     assert run(monkeypatch, *command) == 0
     report = json.loads((tmp_path / "b" / "report.json").read_text())
     assert "| no attack | animation |" in (tmp_path / "b" / "report.md").read_text()
@@ -253,18 +248,7 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
 def test_without_matplotlib_all_else_is_written(source, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("meshmark.benchmarking.plots.find_spec", lambda name: None)
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:1]))
-    command = (
-        "bench",
-        source,
-        "--suite",
-        "tsai2014",
-        "--scheme",
-        "tsai2014",
-        "--frames",
-        "1:1",
-        "-o",
-        tmp_path,
-    )
+    command = of_one_frame(source, tmp_path)
     assert run(monkeypatch, *command) == 0
     assert "meshmark[plots]" in capsys.readouterr().err
     assert (tmp_path / "report.md").exists()
