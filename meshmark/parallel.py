@@ -5,14 +5,17 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import signal
 import tempfile
 import threading
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import lru_cache, wraps
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -167,7 +170,14 @@ class Workers(Generic[Item, Result]):
                 f"fewer of them, {JOBS_VARIABLE}=1, need less"
             ) from None
         finally:
-            wait([future for future in waiting if not future.cancel()])
+            # Futures of a pool that breaks must not be cancelled meanwhile: it complains.
+            wait([f for f in waiting if self._pool.is_abandoned or not f.cancel()])
+
+
+def abandon_workers() -> None:
+    """End all worker processes at once, whatever they are at; for when everything is to end."""
+    for pool in list(_pools):
+        pool.abandon()
 
 
 class _Pool:
@@ -175,6 +185,8 @@ class _Pool:
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
+        self._lifeline: Connection | None = None
+        self.is_abandoned = False
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._count = 0
         self._executor: ProcessPoolExecutor | None = None
@@ -202,17 +214,27 @@ class _Pool:
         if self._executor is None:
             # Forking a process in which open3d or pxr has started threads may dead-lock.
             context = multiprocessing.get_context("spawn")
-            self._executor = ProcessPoolExecutor(self._jobs, context)
+            theirs, self._lifeline = context.Pipe(duplex=False)
+            self._executor = ProcessPoolExecutor(self._jobs, context, _hold_on, (theirs,))
+            _pools.add(self)
         return self._executor.submit(_call, kept, item)
 
     def restart(self) -> None:
         """Start other workers when next asked: one of these died, and the rest ended with it."""
         self._executor = None
 
+    def abandon(self) -> None:
+        """End the workers at once."""
+        self.is_abandoned = True
+        if self._lifeline is not None:
+            self._lifeline.close()
+
     def close(self) -> None:
         """Let the workers end."""
         if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+            self._executor.shutdown(wait=True, cancel_futures=not self.is_abandoned)
+        if self._lifeline is not None:
+            self._lifeline.close()
         if self._folder is not None:
             self._folder.cleanup()
 
@@ -224,6 +246,23 @@ class _Shared(threading.local):
 
 
 _shared = _Shared()
+# Those that may have workers.
+_pools: weakref.WeakSet[_Pool] = weakref.WeakSet()
+
+
+def _hold_on(lifeline: Connection) -> None:
+    """Let this worker end when the other end of its lifeline is closed, or its holder dies.
+
+    A process that is killed cannot tell its workers: they would wait for work for ever.
+    """
+    # Not with a traceback from wherever it is: a terminal sends this to the workers, too.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
+
+
+def _watch(lifeline: Connection) -> None:
+    lifeline.poll(None)
+    os._exit(1)
 
 
 def _call(kept: Path | bytes, item: Any) -> Any:

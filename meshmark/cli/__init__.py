@@ -7,11 +7,11 @@ import sys
 
 from meshmark.cli.app import app
 from meshmark.cli.console import complain
+from meshmark.cli.stopping import Stopped, stopping
 from meshmark.errors import MeshmarkError
 
 DEBUG_VARIABLE = "MESHMARK_DEBUG"
 BUG = 70
-INTERRUPTED = 130
 
 __all__ = ["main"]
 
@@ -19,13 +19,14 @@ __all__ = ["main"]
 def main() -> None:
     """Run the command line; every error is one line on stderr and an exit code."""
     try:
-        app(prog_name="meshmark")
+        with stopping():
+            app(prog_name="meshmark")
     except MeshmarkError as error:
         complain(str(error))
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        complain("interrupted")
-        sys.exit(INTERRUPTED)
+    except Stopped as stop:
+        complain(str(stop))
+        sys.exit(stop.exit_code)
     except BrokenPipeError:
         # Whoever read our output has gone; there is nobody left to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
