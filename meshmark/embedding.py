@@ -126,6 +126,8 @@ def embed_animation(
         If the connectivity changes over time.
     CapacityError
         If the mesh cannot hold a mark.
+    OutputError
+        If there is no room for temporary files.
     """
     if not animation.constant_topology:
         raise InputError(
@@ -135,6 +137,7 @@ def embed_animation(
         )
     chosen = tuple(range(len(animation))) if frames is None else frames
     words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
+    scratch = ScratchFile.create(len(animation), animation[chosen[0]].topology.n_points)
     try:
         work: MarkFrame | MarkPlanned
         if isinstance(scheme, JointScheme):
@@ -146,9 +149,6 @@ def embed_animation(
             )
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
-    n_points = animation[chosen[0]].topology.n_points
-    scratch = ScratchFile.create(n_points)
-    scratch.write(len(animation) - 1, np.zeros((n_points, 3)))
     displacements = ordered_map(work, range(len(chosen)), jobs=jobs)
     for done, (index, displacement) in enumerate(zip(chosen, displacements, strict=True), start=1):
         scratch.write(index, displacement)

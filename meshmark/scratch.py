@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Frame, FrameSource
+from meshmark.errors import OutputError
 
 FloatArray = NDArray[np.float64]
 
@@ -46,13 +47,33 @@ class ScratchFile:
     _owner: object = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def create(cls, n_points: int) -> ScratchFile:
-        """Make an empty file, deleted when the returned object (not its copies) goes away."""
-        handle, name = tempfile.mkstemp(prefix="meshmark-", suffix=".scratch")
-        os.close(handle)
-        owner = _Owner()
-        weakref.finalize(owner, Path(name).unlink, missing_ok=True)
-        return cls(Path(name), n_points, owner)
+    def create(cls, n_frames: int, n_points: int) -> ScratchFile:
+        """Make a file of zeros, deleted when the returned object (not its copies) goes away.
+
+        Parameters
+        ----------
+        n_frames, n_points : int
+            T and N.
+
+        Raises
+        ------
+        OutputError
+            If there is no room for it: better now than after hours of work.
+        """
+        try:
+            handle, name = tempfile.mkstemp(prefix="meshmark-", suffix=".scratch")
+        except OSError as error:
+            raise OutputError(_no_room(error)) from None
+        path, owner = Path(name), _Owner()
+        weakref.finalize(owner, path.unlink, missing_ok=True)
+        scratch = cls(path, n_points, owner)
+        try:
+            _reserve(handle, n_frames * scratch._stride)
+        except OSError as error:
+            raise OutputError(_no_room(error), source=path.parent) from None
+        finally:
+            os.close(handle)
+        return scratch
 
     def write(self, index: int, displacement: FloatArray) -> None:
         """Store the displacement of frame `index`, (N, 3)."""
@@ -78,3 +99,15 @@ class ScratchFile:
 
 class _Owner:
     """Something a finalizer can be tied to."""
+
+
+def _reserve(handle: int, size: int) -> None:
+    """Give a file its size, and the room for it where the system can promise that."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(handle, 0, max(size, 1))
+    else:
+        os.ftruncate(handle, size)
+
+
+def _no_room(error: OSError) -> str:
+    return f"no temporary file can be made: {error.strerror}; TMPDIR can name another folder"

@@ -1,16 +1,18 @@
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import pickle
 import signal
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from meshmark.errors import InputError, UsageError, WorkerError
+from meshmark.errors import InputError, OutputError, UsageError, WorkerError
 from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
 from meshmark.scratch import ScratchFile
 
@@ -146,7 +148,7 @@ def test_jobs_from_the_environment(monkeypatch) -> None:
 def test_displacements_keep_their_float32_values_in_any_order() -> None:
     rng = np.random.default_rng(0)
     D = rng.normal(scale=1e-3, size=(5, 11, 3)).astype(np.float32)
-    scratch = ScratchFile.create(11)
+    scratch = ScratchFile.create(5, 11)
     for index in (4, 0, 2, 1, 3):
         scratch.write(index, D[index].astype(np.float64))
     for index in range(5):
@@ -154,13 +156,29 @@ def test_displacements_keep_their_float32_values_in_any_order() -> None:
 
 
 def test_frames_never_written_are_not_displaced() -> None:
-    scratch = ScratchFile.create(7)
-    scratch.write(4, np.zeros((7, 3)))
-    assert not scratch.read(2).any()
+    scratch = ScratchFile.create(5, 7)
+    scratch.write(1, np.ones((7, 3)))
+    for index in (0, 2, 4):
+        assert scratch.read(index).shape == (7, 3)
+        assert not scratch.read(index).any()
+
+
+def test_a_full_disk_is_told_of_before_the_work(monkeypatch, tmp_path) -> None:
+    def refuse(handle: int, offset: int, size: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+    with pytest.raises(OutputError, match=f"{tmp_path}: .*No space left.*TMPDIR"):
+        ScratchFile.create(5, 7)
+    assert not any(tmp_path.iterdir())
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(OutputError, match="No such file"):
+        ScratchFile.create(5, 7)
 
 
 def test_the_file_goes_with_its_maker_not_with_copies() -> None:
-    scratch = ScratchFile.create(3)
+    scratch = ScratchFile.create(1, 3)
     scratch.write(0, np.ones((3, 3)))
     copy = pickle.loads(pickle.dumps(scratch))
     np.testing.assert_array_equal(copy.read(0), np.ones((3, 3)))
