@@ -6,25 +6,30 @@ and with what probability of being wrong.
 
 from __future__ import annotations
 
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
-from meshmark.errors import (
-    CapacityError,
-    InputError,
-    MeshmarkError,
-    OutputError,
-    PluginError,
-    UsageError,
-    WorkerError,
-)
-from meshmark.keys import Key
-from meshmark.manifest import Manifest
-from meshmark.marking import MarkedAsset, embed
-from meshmark.publishing import mark_file
-from meshmark.recipe import Recipe
-from meshmark.sources import read, write
-from meshmark.verdict import Verdict
-from meshmark.verification import verify
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from meshmark.version import __version__
+
+if TYPE_CHECKING:
+    from meshmark.animation import Asset, Frame, MeshAnimation, Topology
+    from meshmark.errors import (
+        CapacityError,
+        InputError,
+        MeshmarkError,
+        OutputError,
+        PluginError,
+        UsageError,
+        WorkerError,
+    )
+    from meshmark.keys import Key
+    from meshmark.manifest import Manifest
+    from meshmark.marking import MarkedAsset, embed
+    from meshmark.publishing import mark_file
+    from meshmark.recipe import Recipe
+    from meshmark.sources import read, write
+    from meshmark.verdict import Verdict
+    from meshmark.verification import verify
 
 __all__ = [
     "Asset",
@@ -50,3 +55,40 @@ __all__ = [
     "verify",
     "write",
 ]
+
+# Where names are, for when they are first asked for: numpy and scipy take half a second to import,
+# which those who ask for help or the version should not have to wait for.
+_HOMES = {
+    "animation": ("Asset", "Frame", "MeshAnimation", "Topology"),
+    "errors": (
+        "CapacityError",
+        "InputError",
+        "MeshmarkError",
+        "OutputError",
+        "PluginError",
+        "UsageError",
+        "WorkerError",
+    ),
+    "keys": ("Key",),
+    "manifest": ("Manifest",),
+    "marking": ("MarkedAsset", "embed"),
+    "publishing": ("mark_file",),
+    "recipe": ("Recipe",),
+    "sources": ("read", "write"),
+    "verdict": ("Verdict",),
+    "verification": ("verify",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            value = getattr(import_module(f"{__name__}.{module}"), name)
+            # From now on found without asking.
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import pickle
-import signal
-import tempfile
 import threading
-import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import lru_cache, wraps
-from multiprocessing.connection import Connection
+from functools import wraps
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from meshmark.errors import UsageError, WorkerError
+from meshmark.pool import Pool, one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -86,7 +79,7 @@ def shared_workers(jobs: int) -> Iterator[None]:
     if _shared.pool is not None:
         yield
         return
-    pool = _Pool(jobs)
+    pool = Pool(jobs)
     _shared.pool = pool if jobs > 1 else None
     try:
         with one_thread():
@@ -94,11 +87,6 @@ def shared_workers(jobs: int) -> Iterator[None]:
     finally:
         _shared.pool = None
         pool.close()
-
-
-def one_thread() -> threadpool_limits:
-    """Keep linear algebra to one thread, until the returned context ends or for good."""
-    return threadpool_limits(limits=1, user_api="blas")
 
 
 def sharing_workers(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -127,12 +115,12 @@ class Workers(Generic[Item, Result]):
 
     def __init__(self, function: Callable[[Item], Result], jobs: int) -> None:
         self._function, self._jobs = function, jobs
-        self._pool: _Pool | None = None
+        self._pool: Pool | None = None
         self._kept: Path | bytes = b""
 
     def __enter__(self) -> Workers[Item, Result]:
         if self._jobs > 1:
-            self._pool = _shared.pool or _Pool(self._jobs)
+            self._pool = _shared.pool or Pool(self._jobs)
             self._kept = self._pool.keep(self._function)
         return self
 
@@ -174,105 +162,10 @@ class Workers(Generic[Item, Result]):
             wait([f for f in waiting if self._pool.is_abandoned or not f.cancel()])
 
 
-def abandon_workers() -> None:
-    """End all worker processes at once, whatever they are at; for when everything is to end."""
-    for pool in list(_pools):
-        pool.abandon()
-
-
-class _Pool:
-    """Worker processes, and a folder in which they find the functions they are to call."""
-
-    def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
-        self._lifeline: Connection | None = None
-        self.is_abandoned = False
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._count = 0
-        self._executor: ProcessPoolExecutor | None = None
-
-    @property
-    def is_running(self) -> bool:
-        """Whether worker processes have been asked for anything yet."""
-        return self._executor is not None
-
-    def keep(self, function: Callable[[Any], Any]) -> Path | bytes:
-        """Write a function down for the workers; where nothing can be written, keep it as bytes."""
-        pickled = pickle.dumps(function)
-        try:
-            if self._folder is None:
-                self._folder = tempfile.TemporaryDirectory(prefix="meshmark-")
-            self._count += 1
-            path = Path(self._folder.name) / str(self._count)
-            path.write_bytes(pickled)
-        except OSError:
-            return pickled
-        return path
-
-    def submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
-        """Let a worker call a function that was kept."""
-        if self._executor is None:
-            # Forking a process in which open3d or pxr has started threads may dead-lock.
-            context = multiprocessing.get_context("spawn")
-            theirs, self._lifeline = context.Pipe(duplex=False)
-            self._executor = ProcessPoolExecutor(self._jobs, context, _hold_on, (theirs,))
-            _pools.add(self)
-        return self._executor.submit(_call, kept, item)
-
-    def restart(self) -> None:
-        """Start other workers when next asked: one of these died, and the rest ended with it."""
-        self._executor = None
-
-    def abandon(self) -> None:
-        """End the workers at once."""
-        self.is_abandoned = True
-        if self._lifeline is not None:
-            self._lifeline.close()
-
-    def close(self) -> None:
-        """Let the workers end."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=not self.is_abandoned)
-        if self._lifeline is not None:
-            self._lifeline.close()
-        if self._folder is not None:
-            self._folder.cleanup()
-
-
 class _Shared(threading.local):
     """The processes that all share within `shared_workers`, each thread its own."""
 
-    pool: _Pool | None = None
+    pool: Pool | None = None
 
 
 _shared = _Shared()
-# Those that may have workers.
-_pools: weakref.WeakSet[_Pool] = weakref.WeakSet()
-
-
-def _hold_on(lifeline: Connection) -> None:
-    """Let this worker end when the other end of its lifeline is closed, or its holder dies.
-
-    A process that is killed cannot tell its workers: they would wait for work for ever.
-    """
-    # Not with a traceback from wherever it is: a terminal sends this to the workers, too.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
-
-
-def _watch(lifeline: Connection) -> None:
-    lifeline.poll(None)
-    os._exit(1)
-
-
-def _call(kept: Path | bytes, item: Any) -> Any:
-    return _function(kept)(item)
-
-
-@lru_cache(maxsize=2)
-def _function(kept: Path | bytes) -> Callable[[Any], Any]:
-    pickled = kept.read_bytes() if isinstance(kept, Path) else kept
-    function: Callable[[Any], Any] = pickle.loads(pickled)
-    # Only libraries that are loaded by now know of it.
-    one_thread()
-    return function

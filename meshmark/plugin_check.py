@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from meshmark.animation import MeshAnimation
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.plugins import Offer, catalogue
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, SolverFactory
+from meshmark.recipe import SolverFactory
 from meshmark.testing.meshes import dumbbell
 
 

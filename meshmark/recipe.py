@@ -9,13 +9,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.errors import UsageError
 from meshmark.interfaces import AnyScheme, GeodesicSolver, Segmenter
 from meshmark.plugins import Offer, catalogue, check_parameters, make_segmenter
-
-DEFAULT_SCHEME = "apex"
-DEFAULT_SEGMENTER = "sdf"
-DEFAULT_GEODESIC = "heat"
 
 Parameters = Mapping[str, Any]
 

@@ -12,7 +12,7 @@ from meshmark.evidence import Evidence
 from meshmark.json_values import number
 from meshmark.judging import Finding, judge_best
 from meshmark.keys import Key
-from meshmark.parallel import one_thread
+from meshmark.pool import one_thread
 
 Answer = Literal["marked", "not marked", "inconclusive"]
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from meshmark.animation import Asset, MeshAnimation
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.detection import Extraction
 from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence
@@ -17,7 +18,7 @@ from meshmark.keys import Key, unique_recipients
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER, Recipe
+from meshmark.recipe import Recipe
 from meshmark.timeline import AUTO, frames_in
 from meshmark.validation import check
 from meshmark.verdict import Verdict, decide

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,10 +11,14 @@ from pathlib import Path
 
 import pytest
 
+import meshmark
+
 REPOSITORY = Path(__file__).parent.parent
 CORE = REPOSITORY / "meshmark"
 PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
 HEAVY = ("pxr", "open3d", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")
+# Half a second together, which --help has no use for.
+NUMERIC = ("numpy", "scipy", "cryptography")
 # The door is where open3d is imported, by name; nobody else does it.
 DOOR = CORE / "open3d_door.py"
 
@@ -69,8 +74,24 @@ def loaded_after(statement: str) -> set[str]:
 def test_nothing_heavy_is_imported_early(statement: str) -> None:
     loaded = loaded_after(statement)
     assert "meshmark" in loaded
-    assert loaded.isdisjoint(HEAVY)
+    assert loaded.isdisjoint((*HEAVY, *NUMERIC))
     assert "meshmark_plugins" not in loaded
+
+
+def test_every_public_name_is_found_where_it_is_said_to_be() -> None:
+    tree = ast.parse((CORE / "__init__.py").read_text("utf-8"))
+    said = {
+        alias.name: node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("meshmark.")
+        for alias in node.names
+    }
+    assert sorted(said) == sorted(meshmark.__all__)
+    assert set(meshmark.__all__) <= set(dir(meshmark))
+    for name, module in said.items():
+        assert getattr(meshmark, name) is getattr(importlib.import_module(module), name)
+    with pytest.raises(AttributeError, match="no attribute 'unheard_of'"):
+        meshmark.unheard_of  # noqa: B018
 
 
 def test_core_never_imports_a_plugin() -> None:

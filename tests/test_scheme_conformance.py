@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from meshmark.carrier import Sighting
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.interfaces import JointScheme
 from meshmark.plugins import catalogue
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe, SolverFactory
+from meshmark.recipe import Recipe, SolverFactory
 from meshmark.testing import JointSchemeSuite, SchemeSuite
 from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
 from meshmark.testing.schemes import NAME, OTHER, swaying

@@ -120,7 +120,7 @@ def test_functions_reach_workers_where_nothing_can_be_written(monkeypatch) -> No
     def refuse(*args, **kwargs):
         raise OSError("read-only file system")
 
-    monkeypatch.setattr("meshmark.parallel.tempfile.TemporaryDirectory", refuse)
+    monkeypatch.setattr("meshmark.pool.tempfile.TemporaryDirectory", refuse)
     assert list(ordered_map(square, range(8), jobs=2)) == [x * x for x in range(8)]
 
 

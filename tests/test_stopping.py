@@ -14,10 +14,9 @@ from typing import Any
 
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
+from meshmark.animation import Asset
 from meshmark.attacking import write_attacked
 from meshmark.cli.stopping import Stopped, stopping
-from meshmark.demo import creature as build_creature
 from meshmark.keys import Key
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and groups of processes")
@@ -31,6 +30,29 @@ with shared_workers(2):
     print("at work", flush=True)
     list(ordered_map(sleep, [600.0, 600.0], jobs=2))
 """
+
+# A signal arrives when a worker has just been started, and waits for its orders.
+UNLUCKY = """
+import os, sys
+from multiprocessing import util
+from signal import {name}
+from time import sleep
+import meshmark.cli
+
+start = util.spawnv_passfds
+
+def start_and_be_told(path, arguments, descriptors):
+    started = start(path, arguments, descriptors)
+    if "--multiprocessing-fork" in str(arguments):
+        os.kill(os.getpid(), {name})
+        sleep(0.5)
+    return started
+
+util.spawnv_passfds = start_and_be_told
+sys.argv = ["meshmark", *sys.argv[1:]]
+meshmark.cli.main()
+"""
+EMBED = ("embed", "creature.usdc", "-o", "marked.usdc", "--key", "k")
 
 
 def until(true: Callable[[], bool], seconds: float = 60.0) -> bool:
@@ -66,32 +88,61 @@ def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
 
 @pytest.fixture
-def studio(tmp_path) -> Path:
-    """Return a folder with a small creature, a key, and an empty folder for scratch files."""
-    animation: MeshAnimation = build_creature(points=3000, frames=8)
-    write_attacked(Asset("creature", (animation,), "memory"), tmp_path / "creature.usdc")
+def studio(tmp_path, creature) -> Path:
+    """Return a folder with the creature, a key, and an empty folder for scratch files."""
+    write_attacked(Asset("creature", (creature,), "memory"), tmp_path / "creature.usdc")
     Key(bytes(range(32))).save(tmp_path / "k")
     (tmp_path / "scratch").mkdir()
     return tmp_path
 
 
-def test_a_terminated_command_leaves_nothing_behind(start, studio) -> None:
-    before = sorted(studio.iterdir())
-    command = ("-m", "meshmark", "embed", "creature.usdc", "-o", "marked.usdc", "--key", "k")
+@pytest.fixture
+def embed(start, studio) -> Callable[..., subprocess.Popen[str]]:
+    """Start an embedding of the creature by two workers, after given arguments to Python."""
     environment = {**os.environ, "TMPDIR": str(studio / "scratch"), "MESHMARK_JOBS": "2"}
-    embed = start(*command, cwd=studio, env=environment, stderr=subprocess.PIPE)
-    assert until(lambda: any((studio / "scratch").glob("meshmark-*/*")))
-    embed.terminate()
-    told = embed.communicate(timeout=60)[1]
-    assert embed.returncode == 128 + signal.SIGTERM
-    assert told == "error: stopped by SIGTERM\n"
-    assert until(lambda: group_is_gone(embed.pid))
-    assert sorted(studio.iterdir()) == before
+
+    def call(*arguments: str) -> subprocess.Popen[str]:
+        return start(*arguments, *EMBED, cwd=studio, env=environment, stderr=subprocess.PIPE)
+
+    return call
+
+
+def has_begun(studio: Path) -> bool:
+    return any((studio / "scratch").glob("meshmark-*/*"))
+
+
+def assert_stopped(process: subprocess.Popen[str], name: str, studio: Path) -> None:
+    told = process.communicate(timeout=60)[1]
+    assert told == f"error: stopped by {name}\n"
+    assert process.returncode == 128 + getattr(signal, name)
+    assert until(lambda: group_is_gone(process.pid))
+    assert sorted(p.name for p in studio.iterdir()) == ["creature.usdc", "k", "scratch"]
     assert not any((studio / "scratch").iterdir())
 
 
-def test_workers_end_with_a_parent_that_was_killed(start) -> None:
-    parent = start("-c", SLEEPERS, stdout=subprocess.PIPE)
+def test_a_terminated_command_leaves_nothing_behind(embed, studio) -> None:
+    process = embed("-m", "meshmark")
+    assert until(lambda: has_begun(studio))
+    process.terminate()
+    assert_stopped(process, "SIGTERM", studio)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
+def test_a_signal_to_the_whole_group_is_told_of_once(embed, studio, name) -> None:
+    process = embed("-m", "meshmark")
+    assert until(lambda: has_begun(studio))
+    for _ in range(3):
+        os.killpg(process.pid, getattr(signal, name))
+    assert_stopped(process, name, studio)
+
+
+def test_a_worker_that_is_being_started_says_nothing(embed, studio) -> None:
+    assert_stopped(embed("-c", UNLUCKY.format(name="SIGTERM")), "SIGTERM", studio)
+
+
+def test_workers_end_with_a_parent_that_was_killed(start, tmp_path) -> None:
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    parent = start("-c", SLEEPERS, stdout=subprocess.PIPE, env=environment)
     assert parent.stdout.readline() == "at work\n"
     parent.kill()
     parent.wait()

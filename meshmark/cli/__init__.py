@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-from meshmark.cli.app import app
 from meshmark.cli.console import complain
 from meshmark.cli.stopping import Stopped, stopping
 from meshmark.errors import MeshmarkError
@@ -20,6 +19,8 @@ def main() -> None:
     """Run the command line; every error is one line on stderr and an exit code."""
     try:
         with stopping():
+            from meshmark.cli.app import app
+
             app(prog_name="meshmark")
     except MeshmarkError as error:
         complain(str(error))

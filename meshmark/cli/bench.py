@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,7 +17,10 @@ from meshmark.cli.options import (
     SegmenterOption,
     SetOption,
 )
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER, Recipe
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+
+if TYPE_CHECKING:
+    from meshmark.recipe import Recipe
 
 SOME_CELL_FAILED, PLUGIN_FAILED = 1, 5
 

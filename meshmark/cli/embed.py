@@ -19,7 +19,7 @@ from meshmark.cli.options import (
     SourceArgument,
     load_key,
 )
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
 NOT_ALL_MARKED = 1
 

@@ -14,7 +14,7 @@ from meshmark.cli.options import (
     SetOption,
     SourceArgument,
 )
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
 CANNOT_HOLD = 1
 

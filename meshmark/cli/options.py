@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from meshmark.cli.console import warn
-from meshmark.keys import Key, readable_by_others
+
+if TYPE_CHECKING:
+    from meshmark.keys import Key
 
 SourceArgument = Annotated[
     str, typer.Argument(help="A USD file, a folder or glob of OBJ frames.", show_default=False)
@@ -36,6 +38,8 @@ SeedOption = Annotated[int, typer.Option(help="Seed of everything random.")]
 
 def load_key(path: Path) -> Key:
     """Read the key file, and warn if others can read it too."""
+    from meshmark.keys import Key, readable_by_others
+
     key = Key.load(path)
     if readable_by_others(path):
         warn(f"{path}: this key file can be read by others; chmod 600 it")

@@ -10,7 +10,7 @@ from meshmark.cli.options import (
     SetOption,
     SourceArgument,
 )
-from meshmark.recipe import DEFAULT_SEGMENTER
+from meshmark.defaults import DEFAULT_SEGMENTER
 
 
 def segment(

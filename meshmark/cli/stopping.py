@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from meshmark.parallel import abandon_workers
+from meshmark.pool import abandon_workers
 
 # What schedulers, closed terminals and people send. Not every system knows all of them.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+REMIND_EVERY = 0.1  # seconds
 
 
 class Stopped(BaseException):
@@ -37,16 +41,69 @@ def stopping() -> Iterator[None]:
     signums = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
     before = {signum: signal.getsignal(signum) for signum in signums}
     heard = [signum for signum in signums if before[signum] is not signal.SIG_IGN]
+    stop = _Stop()
     try:
         for signum in heard:
-            signal.signal(signum, _stop)
+            signal.signal(signum, stop)
         yield
+    except Exception as error:
+        if stop.signum is None:
+            raise
+        # Such as that of a library which took `Stopped` for a failure of its own.
+        raise Stopped(stop.signum) from error
     finally:
+        stop.forget()
         for signum in heard:
             signal.signal(signum, before[signum])
 
 
-def _stop(signum: int, frame: FrameType | None) -> None:
-    # Nobody wants what they are at any more, and a frame can take them long.
-    abandon_workers()
-    raise Stopped(signum)
+class _Stop:
+    """A handler of signals that raises `Stopped` until that is on its way out.
+
+    Compiled libraries swallow what is raised while they call back into Python; two of those in
+    use do while they are imported, and are left half-imported by it.
+    """
+
+    def __init__(self) -> None:
+        self.signum: int | None = None
+        self._reminder: threading.Thread | None = None
+        self._is_over = threading.Event()
+
+    def __call__(self, signum: int, frame: FrameType | None) -> None:
+        if _is_being_handled(Stopped):
+            # Being told again, as by a terminal and a scheduler, must not cut the tidying short.
+            return
+        if self.signum is None:
+            self.signum = signum
+            reminder = threading.Thread(target=self._remind, daemon=True)
+            reminder.start()
+            self._reminder = reminder
+        if _is_importing(frame):
+            return
+        # Nobody wants what they are at any more, and a frame can take them long.
+        abandon_workers()
+        raise Stopped(self.signum)
+
+    def _remind(self) -> None:
+        assert self.signum is not None
+        while not self._is_over.wait(REMIND_EVERY):
+            os.kill(os.getpid(), self.signum)
+
+    def forget(self) -> None:
+        """Send no reminders any more."""
+        self._is_over.set()
+        if self._reminder is not None:
+            self._reminder.join()
+
+
+def _is_being_handled(kind: type[BaseException]) -> bool:
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, kind):
+        error = error.__context__
+    return error is not None
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
+        frame = frame.f_back
+    return frame is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,9 +18,12 @@ from meshmark.cli.options import (
     SetOption,
     load_key,
 )
+from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.errors import MeshmarkError
-from meshmark.recipe import DEFAULT_GEODESIC, DEFAULT_SEGMENTER, Recipe
-from meshmark.verdict import Verdict
+
+if TYPE_CHECKING:
+    from meshmark.recipe import Recipe
+    from meshmark.verdict import Verdict
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 

@@ -1,0 +1,159 @@
+"""Worker processes: how they start, find the functions they are to call, and end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import lru_cache
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+
+class Pool:
+    """Worker processes, and a folder in which they find the functions they are to call.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes; they start as they are needed.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self.is_abandoned = False
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._count = 0
+        # Forking a process in which open3d or pxr has started threads may dead-lock.
+        self._context = multiprocessing.get_context("spawn")
+        self._executor: ProcessPoolExecutor | None = None
+        # Python throws what signals mean into its main thread, wherever that is: a worker it was
+        # about to start would wait for its orders in vain, and say so.
+        self._starter = ThreadPoolExecutor(1, "meshmark-starter", _hold_signals)
+        self._theirs, self._lifeline = self._context.Pipe(duplex=False)
+        _pools.add(self)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether worker processes have been asked for anything yet."""
+        return self._executor is not None
+
+    def keep(self, function: Callable[[Any], Any]) -> Path | bytes:
+        """Write a function down for the workers; where nothing can be written, keep it as bytes."""
+        pickled = pickle.dumps(function)
+        try:
+            if self._folder is None:
+                self._folder = tempfile.TemporaryDirectory(prefix="meshmark-")
+            self._count += 1
+            path = Path(self._folder.name) / str(self._count)
+            path.write_bytes(pickled)
+        except OSError:
+            return pickled
+        return path
+
+    def submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
+        """Let a worker call a function that was kept.
+
+        Raises
+        ------
+        BrokenProcessPool
+            If a worker has died, or all are to end.
+        """
+        return self._starter.submit(self._submit, kept, item).result()
+
+    def _submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
+        if self.is_abandoned:
+            raise BrokenProcessPool("abandoned")
+        if self._executor is None:
+            # It is to outlive us whatever comes, but looks after two of the three signals only,
+            # and lets those through again.
+            resource_tracker.ensure_running()
+            _hold_signals()
+            self._executor = ProcessPoolExecutor(self._jobs, self._context, _begin, (self._theirs,))
+        return self._executor.submit(_call, kept, item)
+
+    def restart(self) -> None:
+        """Start other workers when next asked: one of these died, and the rest ended with it."""
+        self._executor = None
+
+    def abandon(self) -> None:
+        """End the workers at once."""
+        self.is_abandoned = True
+        self._lifeline.close()
+
+    def close(self) -> None:
+        """Let the workers end."""
+        self._starter.shutdown(wait=True)
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, cancel_futures=not self.is_abandoned)
+        self._lifeline.close()
+        self._theirs.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+
+# Those that may have workers.
+_pools: weakref.WeakSet[Pool] = weakref.WeakSet()
+
+
+def abandon_workers() -> None:
+    """End all worker processes at once, whatever they are at; for when everything is to end."""
+    for pool in list(_pools):
+        pool.abandon()
+
+
+def one_thread() -> threadpool_limits:
+    """Keep linear algebra to one thread, until the returned context ends or for good."""
+    return threadpool_limits(limits=1, user_api="blas")
+
+
+def _hold_signals() -> None:
+    """Keep signals from this thread, and from processes it starts until they let them through."""
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_BLOCK, _HELD)
+
+
+def _begin(lifeline: Connection) -> None:
+    """Let this worker end when it is told to, or with the holder of its lifeline.
+
+    A process that is killed cannot tell its workers: they would wait for work for ever.
+    """
+    # Not with a traceback from wherever it is: a terminal sends this to the workers, too.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD)
+    threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
+
+
+if sys.platform != "win32":
+    _HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def _watch(lifeline: Connection) -> None:
+    lifeline.poll(None)
+    os._exit(1)
+
+
+def _call(kept: Path | bytes, item: Any) -> Any:
+    return _function(kept)(item)
+
+
+@lru_cache(maxsize=2)
+def _function(kept: Path | bytes) -> Callable[[Any], Any]:
+    pickled = kept.read_bytes() if isinstance(kept, Path) else kept
+    function: Callable[[Any], Any] = pickle.loads(pickled)
+    # Only libraries that are loaded by now know of it.
+    one_thread()
+    return function
