@@ -8,9 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from meshmark.animation import MeshAnimation
 from meshmark.demo import creature as build_creature
+
+# How long an example takes says something of the machine, not of what is tested.
+settings.register_profile("meshmark", deadline=None)
+settings.load_profile("meshmark")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

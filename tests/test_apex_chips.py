@@ -132,7 +132,7 @@ def read(x, w):
     return measure(Profiles(weight, square, nothing, nothing), K, SCALES, OFFSETS)[0][:, 0]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), r=st.integers(0, len(SCALES) * len(OFFSETS) - 1))
 def test_a_profile_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(seed, r):
     rng = np.random.default_rng(seed)

@@ -102,7 +102,7 @@ def test_stretching_costs_the_square_of_the_slope_and_shifting_nothing():
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_strain_of_a_linear_displacement_is_that_of_its_matrix(seed, side):
     rng = np.random.default_rng(seed)
     V, F = plane(6, side=side)

@@ -94,9 +94,7 @@ def dense(energy, n):
     return blocks + np.kron(energy.stretching.matrix().toarray(), np.eye(3))
 
 
-@settings(
-    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), poses=st.integers(1, 3))
 def test_what_cannot_be_met_is_solved_by_the_normal_equations(squares, seed, poses):
     rng = np.random.default_rng(seed)

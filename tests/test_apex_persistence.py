@@ -81,7 +81,7 @@ def test_a_plateau_has_one_maximum_that_stands_out():
 
 
 @ANY_MESH
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_agrees_with_a_flood_from_the_top(F, seed):
     f = np.random.default_rng(seed).normal(size=F.max() + 1)
@@ -89,14 +89,14 @@ def test_agrees_with_a_flood_from_the_top(F, seed):
 
 
 @ANY_MESH
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), levels=st.integers(1, 6))
 def test_agrees_where_many_heights_are_equal(F, seed, levels):
     f = np.random.default_rng(seed).integers(0, levels, size=F.max() + 1).astype(float)
     assert found(f, F) == by_union_find(f, F)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_highest_stands_out_by_the_whole_range_and_the_others_by_less(seed):
     _, F = torus(9, 7)
@@ -108,7 +108,7 @@ def test_the_highest_stands_out_by_the_whole_range_and_the_others_by_less(seed):
     assert np.all(np.diff(maxima.persistence) <= 0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_order_of_vertices_and_faces_does_not_matter(seed):
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
@@ -178,7 +178,6 @@ def test_looks_share_the_rate_and_the_last_sees_everything() -> None:
     assert (LOOKS[-1].frames, LOOKS[-1].restored) == (None, True)
 
 
-@settings(deadline=None)
 @given(n_frames=st.integers(1, 300))
 def test_a_look_spreads_over_the_frames_there_are(n_frames) -> None:
     before: set[int] = set()

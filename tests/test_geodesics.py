@@ -215,7 +215,7 @@ def test_heat_names_the_parameter_it_refuses(parameters):
         HeatSolver(*plane(3), **parameters)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.02))
 def test_distances_change_little_when_points_do(seed, amplitude):
     V, F = icosphere(2)

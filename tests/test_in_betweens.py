@@ -49,7 +49,7 @@ def test_resampling_leaves_the_poses_it_kept(keep) -> None:
     assert own_poses(animation, [0, 1, keep]) == [0, keep]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_blends_at_uneven_times_are_told_by_their_times(seed) -> None:
     rng = np.random.default_rng(seed)

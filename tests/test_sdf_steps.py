@@ -97,7 +97,7 @@ def energy(labels, cost, pairs, weight):
     return cost[np.arange(len(labels)), labels].sum() + weight[differ].sum()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1))
 def test_cut_in_two_is_the_best_of_all(seed):
     rng = np.random.default_rng(seed)
@@ -107,7 +107,7 @@ def test_cut_in_two_is_the_best_of_all(seed):
     assert energy(expand(cost, pairs, weight), cost, pairs, weight) == pytest.approx(best)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_cut_in_three_is_within_the_bound_and_no_expansion_helps(seed):
     rng = np.random.default_rng(seed)

@@ -70,7 +70,7 @@ def test_price_decides_how_much_is_cut():
     assert parts == [3, 1]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([5e-4, 1e-3]))
 def test_parts_survive_noise(seed, amplitude):
     V, F = lopsided()

@@ -16,7 +16,7 @@ from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     angles=st.tuples(*[st.floats(-180, 180)] * 3),
     scale=st.tuples(*[st.floats(0.01, 100)] * 3),
