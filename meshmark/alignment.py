@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,8 @@ from scipy.spatial.distance import cdist
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
 from meshmark.placement import Placement
+from meshmark.spool import Made
+from meshmark.strand import FrameEvidence
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -72,17 +73,15 @@ class Aligned:
 
     Parameters
     ----------
-    soft : (T, R, C, K) floating
-        Evidence, in the type it was given; a carrier missing from a frame is all erasures there.
+    frames : sequence of T FrameEvidence
+        Evidence in the type it was given; a carrier missing from a frame is all erasures there.
+        Made from the sightings when asked for.
     log_prior : (R,) float64
         Log belief in each reading.
-    placements : tuple of Placement, or None
-        Which words carriers may hold, as each frame tells.
     """
 
-    soft: NDArray[Any]
+    frames: Sequence[FrameEvidence]
     log_prior: FloatArray
-    placements: tuple[Placement, ...] | None
 
 
 def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
@@ -91,39 +90,55 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
     Carriers are matched one to one, at the least total cost. That needs no key, so a wrong
     match costs evidence but never honesty.
 
+    Parameters
+    ----------
+    sightings : sequence of T Sighting or None
+        They may be many, and are asked for one at a time.
+
     Raises
     ------
     CapacityError
         If no frame shows any carrier.
     """
-    seen = [sighting for sighting in sightings if sighting is not None]
-    if not seen:
+    sizes = [-1 if sighting is None else len(sighting.descriptors) for sighting in sightings]
+    if max(sizes, default=-1) < 0:
         raise CapacityError("no carrier is found in any frame")
-    reference = max(seen, key=lambda sighting: len(sighting.descriptors))
-    R, C, K = reference.soft.shape
-    soft = np.zeros((len(sightings), R, C, K), dtype=reference.soft.dtype)
-    placements = [Placement(np.full((R, C), np.nan), np.ones(C))] * len(sightings)
-    for t, sighting in enumerate(sightings):
-        if sighting is not None:
-            own, theirs = _matched(sighting, reference, matcher)
-            soft[t][:, theirs] = sighting.soft[:, own]
-            if sighting.placement is not None:
-                placements[t] = _moved(sighting.placement, own, theirs, C)
-    placed = None if reference.placement is None else tuple(placements)
-    return Aligned(soft, reference.log_prior, placed)
+    reference = sightings[int(np.argmax(sizes))]
+    assert reference is not None
+    matches = [
+        None if sighting is None else _matched(sighting, reference, matcher)
+        for sighting in sightings
+    ]
+    silent = _silence(reference)
+
+    def frame(index: int) -> FrameEvidence:
+        sighting, match = sightings[index], matches[index]
+        return silent if sighting is None or match is None else _moved(sighting, *match, silent)
+
+    return Aligned(Made(frame, len(sightings)), reference.log_prior)
 
 
-def _moved(placement: Placement, own: IntArray, theirs: IntArray, C: int) -> Placement:
-    """Give carriers `own` of a placement the indices `theirs` among C; others are unknown."""
-    everyone = np.arange(C)
-    if np.array_equal(own, everyone) and np.array_equal(theirs, everyone):
-        # The usual case, shared: of a long animation, copies would add up.
-        return placement
-    place = np.full((len(placement.place), C), np.nan)
-    doubt = np.ones(C)
-    place[:, theirs] = placement.place[:, own]
-    doubt[theirs] = placement.doubt[own]
-    return Placement(place, doubt)
+def _silence(sighting: Sighting) -> FrameEvidence:
+    """Evidence of a frame that shows none of a sighting's carriers."""
+    R, C, _ = sighting.soft.shape
+    unknown = Placement(np.full((R, C), np.nan), np.ones(C))
+    return FrameEvidence(
+        np.zeros_like(sighting.soft), None if sighting.placement is None else unknown
+    )
+
+
+def _moved(
+    sighting: Sighting, own: IntArray, theirs: IntArray, silent: FrameEvidence
+) -> FrameEvidence:
+    """Give a sighting's carriers `own` the indices `theirs`; of others, nothing is known."""
+    steps = silent.steps.copy()
+    steps[:, theirs] = sighting.soft[:, own]
+    if silent.placement is None or sighting.placement is None:
+        return FrameEvidence(steps, silent.placement)
+    place, doubt = silent.placement.place.copy(), silent.placement.doubt.copy()
+    place[:, theirs] = sighting.placement.place[:, own]
+    doubt[theirs] = sighting.placement.doubt[own]
+    return FrameEvidence(steps, Placement(place, doubt))
 
 
 def _matched(

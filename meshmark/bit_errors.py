@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark.evidence import STEPS, Evidence
+from meshmark.evidence import Evidence
 from meshmark.placement import WINDOW, Placement
 from meshmark.statistics import reading_promises
+from meshmark.strand import STEPS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -85,7 +86,7 @@ def _errors_of(evidence: Evidence, words: IntArray, scores: list[FloatArray]) ->
     strand, reading = evidence.strands[best], int(np.argmax(scores[best]))
     placement = strand.placement and strand.placement.under(reading)
     fit = _fits(strand.pooled[[reading]], words, placement)[0]
-    steps = strand.steps[:, reading]
+    steps = strand.reading(reading)
     # Rounded like the evidence itself: what is just as much does not exceed it.
     decided = np.abs(steps.astype(np.int64)) > np.rint(evidence.decisive * STEPS)
     return _bit_errors(fit, np.where(decided, steps, 0), words)

@@ -14,11 +14,13 @@ from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError
-from meshmark.evidence import Evidence, Strand, in_steps
+from meshmark.evidence import Evidence
 from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.parallel import ordered_map
 from meshmark.restoration import unsmooth
+from meshmark.spool import Made, Spool
+from meshmark.strand import Strand, in_steps
 from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +121,10 @@ class Extraction:
         self, animation: MeshAnimation, scheme: AnyScheme, scheme_name: str, *, jobs: int = 1
     ) -> None:
         self.animation, self.scheme, self.name, self.jobs = animation, scheme, scheme_name, jobs
-        self._seen: dict[tuple[int, int], Sighting | None] = {}
+        # Numbers of sightings by frame and restoration; of long animations there is much.
+        self._seen: dict[tuple[int, int], int] = {}
+        self._spool: Spool[Sighting | None] = Spool()
+        self._decisive = 0.0
         # How many frames the last look was asked for, and how many of them it passed over.
         self.asked, self.passed_over = 0, 0
 
@@ -159,7 +164,8 @@ class Extraction:
                 for t, sightings in zip(
                     missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
                 ):
-                    self._seen.update({(t, n): s for n, s in zip(new, sightings, strict=True)})
+                    for n, sighting in zip(new, sightings, strict=True):
+                        self._keep(t, n, sighting)
                     done += 1
                     if progress is not None:
                         progress(done, len(frames))
@@ -182,11 +188,12 @@ class Extraction:
             times=self.animation.times[list(frames)],
             strands=kept,
             tracked=self.animation.constant_topology,
-            decisive=max(s.decisive for s in self._seen.values() if s is not None),
+            decisive=self._decisive,
         )
 
     def _strand(self, frames: Sequence[int], restored: int, n_wanted: int) -> Strand | None:
-        sightings = [self._seen[t, restored] for t in frames]
+        numbers = [self._seen[t, restored] for t in frames]
+        sightings = Made(lambda i: self._spool[numbers[i]], len(numbers))
         if all(sighting is None for sighting in sightings):
             return None
         found = aligned(sightings, self._matcher(frames))
@@ -194,9 +201,13 @@ class Extraction:
             restored=restored,
             log_belief=self._log_belief(restored),
             log_prior=found.log_prior,
-            steps=found.soft,
-            placements=found.placements,
+            frames=found.frames,
         )
+
+    def _keep(self, index: int, restored: int, sighting: Sighting | None) -> None:
+        self._seen[index, restored] = self._spool.add(sighting)
+        if sighting is not None:
+            self._decisive = max(self._decisive, sighting.decisive)
 
     def _log_belief(self, restored: int) -> float:
         others = len(self.restorations) - 1

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
+from numpy.lib.npyio import NpzFile
+from numpy.typing import NDArray
 
 from meshmark.errors import InputError
-from meshmark.evidence import Evidence, Strand
-from meshmark.manifest import write_bytes
+from meshmark.evidence import Evidence
+from meshmark.manifest import written_beside
 from meshmark.placement import WINDOW, Placement
+from meshmark.records import read_records, write_records
+from meshmark.spool import Made, Spool
+from meshmark.strand import FrameEvidence, Strand
 
 FORMAT = "meshmark-evidence-2"
 
@@ -54,39 +59,58 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
     OutputError
         If it cannot be written; nothing half-written is left.
     """
-    arrays: dict[str, Any] = {}
-    described = []
-    for i, item in enumerate(stored.items):
-        arrays[f"times{i}"] = item.times
-        strands = []
-        for j, strand in enumerate(item.strands):
-            arrays[f"steps{i}.{j}"] = strand.steps
-            arrays[f"prior{i}.{j}"] = strand.log_prior
-            if strand.placements is not None:
-                arrays[f"place{i}.{j}"] = np.array([p.place for p in strand.placements])
-                arrays[f"doubt{i}.{j}"] = np.array([p.doubt for p in strand.placements])
-            strands.append({"restored": strand.restored, "log_belief": strand.log_belief})
-        described.append(
-            {
-                "prim": item.prim,
-                "scheme": item.scheme,
-                "n_words": item.n_words,
-                "tracked": item.tracked,
-                "decisive": item.decisive,
-                "strands": strands,
-            }
-        )
     header = {
         "format": FORMAT,
         "files": [list(pair) for pair in stored.files],
         "recipes": list(stored.recipes),
         "frames": stored.frames,
-        "items": described,
+        "items": [_described(item) for item in stored.items],
         "notes": list(stored.notes),
     }
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, header=np.array(json.dumps(header)), **arrays)
-    write_bytes(buffer.getvalue(), path)
+    with (
+        written_beside(path) as file,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        _write_array(archive, "header", np.array(json.dumps(header)))
+        for i, item in enumerate(stored.items):
+            _write_array(archive, f"times{i}", item.times)
+            for j, strand in enumerate(item.strands):
+                _write_strand(archive, f"{i}.{j}", strand)
+
+
+def _described(item: Evidence) -> dict[str, Any]:
+    return {
+        "prim": item.prim,
+        "scheme": item.scheme,
+        "n_words": item.n_words,
+        "tracked": item.tracked,
+        "decisive": item.decisive,
+        "strands": [
+            {
+                "restored": strand.restored,
+                "log_belief": strand.log_belief,
+                "placed": strand.placements is not None,
+            }
+            for strand in item.strands
+        ],
+    }
+
+
+def _write_array(archive: zipfile.ZipFile, name: str, array: NDArray[Any]) -> None:
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+        npy.write_array(file, array, allow_pickle=False)
+
+
+def _write_strand(archive: zipfile.ZipFile, suffix: str, strand: Strand) -> None:
+    T, R, C, K = strand.shape
+    steps = (frame.steps for frame in strand.frames)
+    write_records(archive, f"steps{suffix}", steps, (T, R, C, K), np.int8)
+    _write_array(archive, f"prior{suffix}", strand.log_prior)
+    placements = strand.placements
+    if placements is not None:
+        places, doubts = (p.place for p in placements), (p.doubt for p in placements)
+        write_records(archive, f"place{suffix}", places, (T, R, C), np.float64)
+        write_records(archive, f"doubt{suffix}", doubts, (T, C), np.float64)
 
 
 def load_evidence(path: Path) -> StoredEvidence:
@@ -102,11 +126,12 @@ def load_evidence(path: Path) -> StoredEvidence:
             header = json.loads(str(file["header"]))
             if header["format"] != FORMAT:
                 raise InputError(f"is not of the format {FORMAT}", source=path)
+            spool: Spool[FrameEvidence] = Spool()
             return StoredEvidence(
                 files=tuple((str(name), str(digest)) for name, digest in header["files"]),
                 recipes=list(header["recipes"]),
                 frames=header["frames"],
-                items=tuple(_item(file, i, item) for i, item in enumerate(header["items"])),
+                items=tuple(_item(file, i, item, spool) for i, item in enumerate(header["items"])),
                 notes=tuple(header["notes"]),
             )
     except OSError as error:
@@ -123,33 +148,21 @@ def load_evidence(path: Path) -> StoredEvidence:
         raise InputError("is not an evidence file of meshmark's", source=path) from None
 
 
-def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
+def _item(
+    file: NpzFile, i: int, described: dict[str, Any], spool: Spool[FrameEvidence]
+) -> Evidence:
+    n_words = int(described["n_words"])
     strands = tuple(
-        Strand(
-            restored=int(strand["restored"]),
-            log_belief=float(strand["log_belief"]),
-            log_prior=file[f"prior{i}.{j}"].astype(np.float64),
-            steps=_checked_steps(file[f"steps{i}.{j}"]),
-            placements=_placements(file, f"{i}.{j}"),
-        )
+        _strand(file, f"{i}.{j}", strand, n_words, spool)
         for j, strand in enumerate(described["strands"])
     )
     times = file[f"times{i}"].astype(np.float64)
-    for strand in strands:
-        T, R, *_ = strand.steps.shape
-        if len(times) != T or strand.log_prior.shape != (R,):
-            raise ValueError("shapes")
-        # Belief beyond 1 would make any key look right.
-        if np.exp(strand.belief).sum() > 1.0 + 1e-9:
-            raise ValueError("belief")
-        for placement in strand.placements or ():
-            _check(placement, strand, int(described["n_words"]))
-    if not strands:
-        raise ValueError("no strand")
+    if not strands or any(times.shape != (strand.shape[0],) for strand in strands):
+        raise ValueError("shapes")
     return Evidence(
         prim=str(described["prim"]),
         scheme=str(described["scheme"]),
-        n_words=int(described["n_words"]),
+        n_words=n_words,
         times=times,
         strands=strands,
         tracked=bool(described["tracked"]),
@@ -157,23 +170,60 @@ def _item(file: Any, i: int, described: dict[str, Any]) -> Evidence:
     )
 
 
-def _placements(file: Any, suffix: str) -> tuple[Placement, ...] | None:
-    if f"place{suffix}" not in file:
-        return None
-    place, doubt = (file[f"{name}{suffix}"].astype(np.float64) for name in ("place", "doubt"))
-    return tuple(map(Placement, place, doubt))
+def _strand(
+    file: NpzFile,
+    suffix: str,
+    described: dict[str, Any],
+    n_words: int,
+    spool: Spool[FrameEvidence],
+) -> Strand:
+    # Older files do not say so.
+    placed = described.get("placed", f"place{suffix}" in file)
+    numbers = [spool.add(frame) for frame in _frames(file, suffix, placed, n_words)]
+    if not numbers:
+        raise ValueError("no frame")
+    strand = Strand(
+        restored=int(described["restored"]),
+        log_belief=float(described["log_belief"]),
+        log_prior=file[f"prior{suffix}"].astype(np.float64),
+        frames=Made(lambda t: spool[numbers[t]], len(numbers)),
+    )
+    if strand.log_prior.shape != (strand.shape[1],):
+        raise ValueError("shapes")
+    # Belief beyond 1 would make any key look right.
+    if np.exp(strand.belief).sum() > 1.0 + 1e-9:
+        raise ValueError("belief")
+    return strand
 
 
-def _check(placement: Placement, strand: Strand, n_words: int) -> None:
-    T, R, C, _ = strand.steps.shape
-    shapes = (len(strand.placements or ()), placement.place.shape, placement.doubt.shape)
-    if shapes != (T, (R, C), (C,)):
+def _frames(file: NpzFile, suffix: str, placed: bool, n_words: int) -> Iterator[FrameEvidence]:
+    """Read the frames of a strand, one at a time."""
+    archive = file.zip
+    assert archive is not None
+    steps = read_records(archive, f"steps{suffix}", np.int8)
+    if not placed:
+        for record in steps:
+            yield _checked(FrameEvidence(record), n_words)
+        return
+    places = read_records(archive, f"place{suffix}", np.float64)
+    doubts = read_records(archive, f"doubt{suffix}", np.float64)
+    for record, place, doubt in zip(steps, places, doubts, strict=True):
+        yield _checked(FrameEvidence(record, Placement(place, doubt)), n_words)
+
+
+def _checked(frame: FrameEvidence, n_words: int) -> FrameEvidence:
+    R, C, _ = frame.steps.shape
+    placement = frame.placement
+    if placement is None:
+        return frame
+    if (placement.place.shape, placement.doubt.shape) != ((R, C), (C,)):
         raise ValueError("shapes")
     if not np.all((placement.doubt > 0.0) & (placement.doubt <= 1.0)):
         raise ValueError("doubt")
     place = placement.place[~np.isnan(placement.place)]
     if n_words < WINDOW or not np.all((place >= 0.0) & (place <= n_words - 1)):
         raise ValueError("place")
+    return frame
 
 
 def _checked_decisive(value: Any) -> float:
@@ -181,9 +231,3 @@ def _checked_decisive(value: Any) -> float:
     if not 0.0 <= decisive < 1.0:
         raise ValueError("decisive")
     return decisive
-
-
-def _checked_steps(steps: Any) -> Any:
-    if steps.dtype != np.int8 or steps.ndim != 4:
-        raise ValueError("steps")
-    return steps

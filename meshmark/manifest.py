@@ -6,9 +6,11 @@ import hashlib
 import json
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from meshmark.errors import OutputError
 
@@ -58,18 +60,33 @@ def write_text(text: str, path: Path) -> None:
 
 def write_bytes(data: bytes, path: Path) -> None:
     """Write bytes beside `path`, then put them in place; see `write_json`."""
+    with written_beside(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def written_beside(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file beside `path`, and put it in place when it is written.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; then, and whenever else the block is left by an exception,
+        nothing is left of it.
+    """
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
     except OSError as error:
         raise OutputError(f"cannot write: {error.strerror}", source=path) from None
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            yield file
         Path(name).chmod(0o644)
         Path(name).replace(path)
     except OSError as error:
-        Path(name).unlink(missing_ok=True)
         raise OutputError(f"cannot write: {error.strerror}", source=path) from None
+    finally:
+        Path(name).unlink(missing_ok=True)
 
 
 def file_hashes(files: list[Path], folder: Path) -> list[dict[str, str]]:

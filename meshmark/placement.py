@@ -23,6 +23,9 @@ SHIFTS: FloatArray = np.array([0.0, 0.0, -1.0, 1.0, -2.0, 2.0])
 NEARNESS: FloatArray = np.array([0.5, 1.5, 0.5, 0.5, 0.7, 0.7])
 SHIFT_BELIEF: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
 
+# Places of which the middle is taken at once.
+AT_ONCE = 1 << 19
+
 
 @dataclass(frozen=True, eq=False)
 class Placement:
@@ -65,13 +68,21 @@ class Placement:
 
 
 def together(placements: Sequence[Placement]) -> Placement:
-    """Say of the same carriers in several frames, those that show them, what most frames say."""
-    place = np.array([placement.place for placement in placements])
+    """Say of the same carriers in several frames, those that show them, what most frames say.
+
+    The placements may be many, and are asked for one at a time, more than once.
+    """
     doubt = np.array([placement.doubt for placement in placements])
-    shown = np.isfinite(place).all(axis=1)
+    shown = np.array([np.isfinite(placement.place).all(axis=0) for placement in placements])
     counts = shown.sum(axis=0)
-    middle = np.full(place.shape[1:], np.nan)
-    middle[:, counts > 0] = np.nanmedian(place[:, :, counts > 0], axis=0)
+    known = np.flatnonzero(counts)
+    R, C = placements[0].place.shape
+    middle = np.full((R, C), np.nan)
+    rows = max(1, AT_ONCE // max(1, len(placements) * len(known)))
+    for begin in range(0, R, rows):
+        some = slice(begin, begin + rows)
+        place = np.array([placement.place[some, known] for placement in placements])
+        middle[some, known] = np.nanmedian(place, axis=0)
     shared = np.where(shown, doubt, 0.0).sum(axis=0) / np.maximum(counts, 1)
     return Placement(middle, np.where(counts > 0, shared, 1.0))
 

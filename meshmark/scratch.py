@@ -63,14 +63,14 @@ class ScratchFile:
         try:
             handle, name = tempfile.mkstemp(prefix="meshmark-", suffix=".scratch")
         except OSError as error:
-            raise OutputError(_no_room(error)) from None
+            raise OutputError(no_room(error)) from None
         path, owner = Path(name), _Owner()
         weakref.finalize(owner, path.unlink, missing_ok=True)
         scratch = cls(path, n_points, owner)
         try:
             _reserve(handle, n_frames * scratch._stride)
         except OSError as error:
-            raise OutputError(_no_room(error), source=path.parent) from None
+            raise OutputError(no_room(error), source=path.parent) from None
         finally:
             os.close(handle)
         return scratch
@@ -109,5 +109,6 @@ def _reserve(handle: int, size: int) -> None:
         os.ftruncate(handle, size)
 
 
-def _no_room(error: OSError) -> str:
+def no_room(error: OSError) -> str:
+    """Say why a temporary file cannot be made, and what to do."""
     return f"no temporary file can be made: {error.strerror}; TMPDIR can name another folder"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.alignment import aligned, by_looks, by_place, in_order
+from meshmark.alignment import Aligned, aligned, by_looks, by_place, in_order
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
 from meshmark.placement import Placement
@@ -21,20 +21,24 @@ def sighting(carriers, *, shapes=SHAPES, vertices=None) -> Sighting:
     return Sighting(SOFT[:, carriers], np.log([0.5, 0.5]), shapes[carriers], placed)
 
 
+def soft_of(found: Aligned) -> np.ndarray:
+    return np.array([frame.steps for frame in found.frames])
+
+
 def test_a_common_layout_keeps_the_order() -> None:
     found = aligned([sighting([0, 1, 2]), sighting([0, 1, 2])], in_order)
-    np.testing.assert_allclose(found.soft, np.stack([SOFT, SOFT]), atol=1e-6)
+    np.testing.assert_allclose(soft_of(found), np.stack([SOFT, SOFT]), atol=1e-6)
     np.testing.assert_allclose(np.exp(found.log_prior), [0.5, 0.5])
-    assert found.placements is None
+    assert [frame.placement for frame in found.frames] == [None, None]
 
 
 def test_left_is_told_from_right_by_what_it_says() -> None:
-    soft = aligned([sighting([0, 1, 2]), sighting([2, 1, 0])], by_looks).soft
+    soft = soft_of(aligned([sighting([0, 1, 2]), sighting([2, 1, 0])], by_looks))
     np.testing.assert_allclose(soft[1], SOFT, atol=1e-6)
 
 
 def test_a_missing_carrier_is_an_erasure() -> None:
-    soft = aligned([sighting([0, 1, 2]), None, sighting([2])], by_looks).soft
+    soft = soft_of(aligned([sighting([0, 1, 2]), None, sighting([2])], by_looks))
     assert not soft[1].any()
     assert soft[2].any(axis=(0, 2)).tolist() == [False, False, True]
 
@@ -45,7 +49,7 @@ def test_places_match_near_vertices_and_no_others() -> None:
     whole = sighting([0, 1, 2], vertices=[0, 2, 3])
     moved = sighting([1, 0], vertices=[2, 1])
     astray = sighting([1], vertices=[4])
-    soft = aligned([whole, moved, astray], match).soft
+    soft = soft_of(aligned([whole, moved, astray], match))
     np.testing.assert_allclose(soft[1][:, :2], SOFT[:, :2], atol=1e-6)
     assert not soft[1][:, 2].any()
     assert not soft[2].any()
@@ -55,8 +59,7 @@ def test_places_of_words_go_with_their_carriers() -> None:
     place = np.array([[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]])
     whole = replace(sighting([0, 1, 2]), placement=Placement(place, np.array([0.1, 0.2, 0.3])))
     some = replace(sighting([2, 1]), placement=Placement(place[:, [2, 1]], np.array([0.5, 0.6])))
-    found = aligned([whole, None, some], by_looks).placements
-    assert found is not None
+    found = [frame.placement for frame in aligned([whole, None, some], by_looks).frames]
     np.testing.assert_array_equal(found[0].place, place)
     assert np.isnan(found[1].place).all()
     np.testing.assert_array_equal(found[2].place[:, 1:], place[:, 1:])

@@ -20,9 +20,10 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
-from meshmark.evidence import Evidence, Strand
+from meshmark.evidence import Evidence
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
+from meshmark.strand import Strand
 from meshmark.verdict import decide
 
 HORSE = Subject("horse-gallop", "horse-gallop.usdc", None, (("horse-gallop.usdc", "0" * 64),))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +15,10 @@ from meshmark.animation import MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
-from meshmark.evidence import in_steps
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.placement import Placement
+from meshmark.strand import in_steps
 from meshmark.testing.meshes import icosphere
 from meshmark.verification import LOOKS, verify, verify_in_looks
 
@@ -115,7 +116,8 @@ def test_looks_that_grew_show_what_one_look_shows() -> None:
     np.testing.assert_array_equal(found.times, at_once.times)
     for one, two in zip(found.strands, at_once.strands, strict=True):
         assert (one.restored, one.log_belief) == (two.restored, two.log_belief)
-        np.testing.assert_array_equal(one.steps, two.steps)
+        for frame, wanted in zip(one.frames, two.frames, strict=True):
+            np.testing.assert_array_equal(frame.steps, wanted.steps)
     assert set(grown.seen) == set(scheme.seen)
 
 
@@ -141,14 +143,44 @@ def test_what_is_kept_of_a_frame_is_what_it_is_judged_by() -> None:
     frames = range(4)
     for strand in view.look(frames).strands:
         wanted = np.array([in_steps(scheme.given[float(t)][None]) for t in frames])
-        np.testing.assert_array_equal(strand.steps, wanted)
-        for placement in strand.placements:
-            np.testing.assert_array_equal(placement.place, PLACED.place)
-        # Of long animations there is much: a byte a number, and nothing twice that is the same.
-        kept = [view._seen[t, strand.restored] for t in frames]
-        assert {sighting.soft.dtype for sighting in kept} == {np.dtype(np.int8)}
-        same = [s.placement is p for s, p in zip(kept, strand.placements, strict=True)]
-        assert same == [True, False, True, True]
+        for t, frame in enumerate(strand.frames):
+            assert frame.steps.dtype == np.int8
+            np.testing.assert_array_equal(frame.steps, wanted[t])
+            np.testing.assert_array_equal(frame.placement.place, PLACED.place)
+
+
+@dataclass
+class Wide(Oracle):
+    """Reads what it sees in many ways."""
+
+    n_words = 16
+
+    def sight(self, frame, reference=None) -> Sighting:
+        rng = np.random.default_rng(int(frame.time))
+        where = Placement(np.tile(PLACED.place, (READINGS, 1)), PLACED.doubt)
+        prior = np.full(READINGS, -np.log(READINGS))
+        soft = rng.uniform(-1, 1, size=(READINGS, M, K))
+        return Sighting(soft, prior, np.zeros((M, 1)), np.arange(M), where)
+
+
+READINGS = 128
+
+
+def peak_of_looking(n_frames: int) -> int:
+    """Bytes that looking at so many frames, and judging them, takes beside the animation."""
+    scheme, animation = Wide({}), still(n_frames)
+    tracemalloc.start()
+    judge(extract(animation, scheme, NAME), KEY)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_looking_at_many_frames_takes_hardly_more_memory_than_few(monkeypatch) -> None:
+    monkeypatch.setattr("meshmark.spool.ROOM", 1)
+    more = (peak_of_looking(120) - peak_of_looking(20)) / 100
+    # Three times 8 kB of evidence and 4 kB of places are kept of each frame, on disk.
+    assert more < 9_000
 
 
 @pytest.mark.parametrize("restorations", [(0,), (0, 10), (0, 10, 30, 50)])
@@ -165,7 +197,7 @@ def test_what_may_have_been_done_to_a_copy_shares_one_belief(restorations) -> No
 
 def test_a_frame_without_carriers_is_silent() -> None:
     evidence = extract(still(3), noise_at([0, 2]), NAME)
-    assert [bool(np.any(steps)) for steps in evidence.strands[0].steps] == [True, False, True]
+    assert [bool(np.any(steps)) for steps in evidence.strands[0].reading(0)] == [True, False, True]
 
 
 def test_no_carriers_at_all_name_the_mesh() -> None:

@@ -8,11 +8,12 @@ import pytest
 
 from meshmark.bit_errors import bit_errors
 from meshmark.carrier import Carrier, measure, sighting_of
-from meshmark.evidence import Evidence, Strand
+from meshmark.evidence import Evidence
 from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.placement import Placement
 from meshmark.statistics import word_log_e_means
+from meshmark.strand import Strand
 from meshmark.verdict import decide
 
 KEY = Key(bytes(range(32)))
@@ -179,7 +180,7 @@ def test_evidence_is_kept_in_steps_and_erasures_stay_erasures() -> None:
     soft = np.array([-1.0, -0.5, -1e-5, 0.0, 1e-5, 0.3, 1.0]).reshape(1, 1, 1, 7)
     strand = Strand.of(soft, np.zeros(1))
     np.testing.assert_allclose(strand.frame(0), soft[0], atol=1 / 127)
-    np.testing.assert_array_equal(np.sign(strand.steps), np.sign(soft))
+    np.testing.assert_array_equal(np.sign(strand.frames[0].steps), np.sign(soft[0]))
 
 
 @pytest.mark.parametrize("tracked", [True, False])

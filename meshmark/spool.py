@@ -1,0 +1,99 @@
+"""Many things kept out of memory, and sequences of things made when they are asked for."""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Generic, TypeVar, overload
+
+from meshmark.errors import OutputError
+from meshmark.scratch import no_room
+
+Thing = TypeVar("Thing")
+
+# What is small stays in memory.
+ROOM = 1 << 22  # bytes
+
+
+class Spool(Generic[Thing]):
+    """Things that are written to a temporary file one by one, and read when asked for.
+
+    The file has no name, and is gone with the spool or its process.
+
+    Parameters
+    ----------
+    room : int, optional
+        Bytes up to which all is kept in memory, and there is no file; `ROOM` by default.
+    """
+
+    def __init__(self, room: int | None = None) -> None:
+        file = tempfile.SpooledTemporaryFile(max_size=ROOM if room is None else room)  # noqa: SIM115
+        self._file = file
+        weakref.finalize(self, file.close)
+        self._begins = [0]
+
+    def __len__(self) -> int:
+        return len(self._begins) - 1
+
+    def add(self, thing: Thing) -> int:
+        """Keep a thing, and return the number it is asked for by.
+
+        Raises
+        ------
+        OutputError
+            If there is no room for it.
+        """
+        data = pickle.dumps(thing, protocol=pickle.HIGHEST_PROTOCOL)
+        try:
+            self._file.seek(self._begins[-1])
+            self._file.write(data)
+            # Where a disk is full, better here than when something else is read.
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(no_room(error)) from None
+        self._begins.append(self._begins[-1] + len(data))
+        return len(self) - 1
+
+    def __getitem__(self, number: int) -> Thing:
+        begin, end = self._begins[number], self._begins[number + 1]
+        self._file.seek(begin)
+        thing: Thing = pickle.loads(self._file.read(end - begin))
+        return thing
+
+
+class Made(Sequence[Thing]):
+    """A sequence whose items are made whenever they are asked for; pickles as a tuple of them.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the item of an index, from 0 to `length` - 1.
+    length : int
+        Number of items.
+    """
+
+    def __init__(self, make: Callable[[int], Thing], length: int) -> None:
+        self._make, self._indices = make, range(length)
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, index: int) -> Thing: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Thing]: ...
+
+    def __getitem__(self, index: int | slice) -> Thing | Sequence[Thing]:
+        if isinstance(index, slice):
+            chosen = self._indices[index]
+            return Made(lambda i: self._make(chosen[i]), len(chosen))
+        return self._make(self._indices[index])
+
+    def __iter__(self) -> Iterator[Thing]:
+        return map(self._make, self._indices)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (tuple, (tuple(self),))
