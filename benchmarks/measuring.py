@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+WATCH_EVERY = 0.1  # seconds
 PAGES = REPOSITORY / "docs" / "benchmarks"
 
 
@@ -25,11 +29,16 @@ def data_folder() -> Path:
 
 @dataclass(frozen=True)
 class Run:
-    """A command that was run: exit code, wall seconds, peak memory of its largest process."""
+    """A command that was run: exit code, wall seconds, peak memory of its largest process.
+
+    Of the peak, `private_mb` is what the process asked for itself; the rest are pages of files,
+    of which the system drops those it needs for something else. NaN where that is not told.
+    """
 
     code: int
     seconds: float
     peak_mb: float
+    private_mb: float
     stdout: str
 
 
@@ -38,14 +47,36 @@ def run(*command: object, cwd: Path) -> Run:
     start = time.perf_counter()
     with (cwd / "stdout").open("w+") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "meshmark", *map(str, command)], cwd=cwd, stdout=out
+            [sys.executable, "-m", "meshmark", *map(str, command)],
+            cwd=cwd,
+            stdout=out,
+            process_group=0,
         )
-        _, status, usage = os.wait4(process.pid, 0)
+        ended = Event()
+        with ThreadPoolExecutor(1) as threads:
+            private = threads.submit(_largest_private_mb, process.pid, ended)
+            _, status, usage = os.wait4(process.pid, 0)
+            ended.set()
         process.returncode = os.waitstatus_to_exitcode(status)
         out.seek(0)
         text = out.read()
     seconds = time.perf_counter() - start
-    return Run(process.returncode, seconds, usage.ru_maxrss / 1024, text)
+    return Run(process.returncode, seconds, usage.ru_maxrss / 1024, private.result(), text)
+
+
+def _largest_private_mb(group: int, ended: Event) -> float:
+    """Watch the processes of a group, and return the most private memory one of them had."""
+    most = float("nan")
+    while not ended.wait(WATCH_EVERY):
+        for status in Path("/proc").glob("[0-9]*/status"):
+            try:
+                if os.getpgid(int(status.parent.name)) == group:
+                    [line] = re.findall(r"RssAnon:\s+(\d+) kB", status.read_text())
+                    most = max(int(line) / 1024, most)
+            except (OSError, ValueError):
+                # It has ended meanwhile.
+                continue
+    return most
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

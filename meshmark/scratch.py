@@ -16,6 +16,8 @@ from meshmark.errors import OutputError
 
 FloatArray = NDArray[np.float64]
 
+SINGLE, DOUBLE = "<f4", "<f8"
+
 
 @dataclass(frozen=True)
 class DisplacedFrames:
@@ -36,24 +38,36 @@ class DisplacedFrames:
 
 @dataclass(frozen=True)
 class ScratchFile:
-    """A temporary file of T arrays (N, 3), float32 on disk and float64 outside.
+    """A temporary file of T arrays (N, 3), float64 outside.
 
     A displacement is a small correction: in float32 it is exact to a ten-millionth of itself,
     far below the rounding of the float32 positions it ends up in.
+
+    Parameters
+    ----------
+    path : Path
+        The file; copies in other processes find it by this.
+    n_points : int
+        N.
+    dtype : str
+        Type on disk: float32, or float64 for what more is computed with.
     """
 
     path: Path
     n_points: int
+    dtype: str = SINGLE
     _owner: object = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def create(cls, n_frames: int, n_points: int) -> ScratchFile:
+    def create(cls, n_frames: int, n_points: int, dtype: str = SINGLE) -> ScratchFile:
         """Make a file of zeros, deleted when the returned object (not its copies) goes away.
 
         Parameters
         ----------
         n_frames, n_points : int
             T and N.
+        dtype : str
+            `SINGLE` or `DOUBLE`.
 
         Raises
         ------
@@ -66,7 +80,7 @@ class ScratchFile:
             raise OutputError(no_room(error)) from None
         path, owner = Path(name), _Owner()
         weakref.finalize(owner, path.unlink, missing_ok=True)
-        scratch = cls(path, n_points, owner)
+        scratch = cls(path, n_points, dtype, owner)
         try:
             _reserve(handle, n_frames * scratch._stride)
         except OSError as error:
@@ -77,7 +91,7 @@ class ScratchFile:
 
     def write(self, index: int, displacement: FloatArray) -> None:
         """Store the displacement of frame `index`, (N, 3)."""
-        data = np.ascontiguousarray(displacement, dtype="<f4")
+        data = np.ascontiguousarray(displacement, dtype=self.dtype)
         with self.path.open("r+b") as file:
             file.seek(index * self._stride)
             file.write(data.tobytes())
@@ -85,16 +99,16 @@ class ScratchFile:
     def read(self, index: int) -> FloatArray:
         """Read the displacement of frame `index`, (N, 3) float64."""
         data = np.fromfile(
-            self.path, dtype="<f4", count=3 * self.n_points, offset=index * self._stride
+            self.path, dtype=self.dtype, count=3 * self.n_points, offset=index * self._stride
         )
         return data.reshape(-1, 3).astype(np.float64)
 
     @property
     def _stride(self) -> int:
-        return 12 * self.n_points
+        return 3 * np.dtype(self.dtype).itemsize * self.n_points
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (ScratchFile, (self.path, self.n_points))
+        return (ScratchFile, (self.path, self.n_points, self.dtype))
 
 
 class _Owner:

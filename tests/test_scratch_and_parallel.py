@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from meshmark.errors import InputError, OutputError, UsageError, WorkerError
 from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
-from meshmark.scratch import ScratchFile
+from meshmark.scratch import DOUBLE, ScratchFile
 
 
 def square(x: int) -> int:
@@ -153,6 +153,15 @@ def test_displacements_keep_their_float32_values_in_any_order() -> None:
         scratch.write(index, D[index].astype(np.float64))
     for index in range(5):
         np.testing.assert_array_equal(scratch.read(index), D[index])
+
+
+def test_what_more_is_computed_with_keeps_its_float64_values() -> None:
+    d = np.random.default_rng(1).normal(size=(11, 3))
+    scratch = ScratchFile.create(2, 11, DOUBLE)
+    scratch.write(1, d)
+    for seen in (scratch, pickle.loads(pickle.dumps(scratch))):
+        np.testing.assert_array_equal(seen.read(1), d)
+        assert not seen.read(0).any()
 
 
 def test_frames_never_written_are_not_displaced() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from itertools import pairwise
 from threading import Event
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.parallel import Workers
+from meshmark.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import Energy, energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds
@@ -91,8 +91,8 @@ class Chain:
 
 def solve_keys(
     ask: AskPose, guards: list[Neighbourhood], workers: Asking, posed: list[list[int]], jobs: int
-) -> FloatArray:
-    """Find the displacements of all keys, (J, 3 N), from the middle one outwards.
+) -> ScratchFile:
+    """Find the displacements of all keys, J arrays (N, 3), from the middle one outwards.
 
     The keys before it and those after it do not wait for each other: while one displacement is
     solved for here, workers measure what the other way asks.
@@ -108,17 +108,19 @@ def solve_keys(
     """
     start = len(posed) // 2
     first = Chain(ask, guards, workers)
-    solved = np.empty((len(posed), ask.cover.V.size))
-    solved[start] = first.solve(posed[start], np.zeros(ask.cover.V.size), FIRST_ROUNDS)
+    solved = ScratchFile.create(len(posed), len(ask.cover.V), DOUBLE)
+    middle = first.solve(posed[start], np.zeros(ask.cover.V.size), FIRST_ROUNDS)
+    solved.write(start, middle)
 
     stopped = Event()
 
     def go(way: range) -> None:
-        chain = Chain(ask, guards, workers, first.asked)
-        for before, j in pairwise([start, *way]):
+        chain, d = Chain(ask, guards, workers, first.asked), middle
+        for j in way:
             if stopped.is_set():
                 return
-            solved[j] = chain.solve(posed[j], solved[before], LATER_ROUNDS)
+            d = chain.solve(posed[j], d, LATER_ROUNDS)
+            solved.write(j, d)
 
     ways = (range(start + 1, len(posed)), range(start - 1, -1, -1))
     with ThreadPoolExecutor(min(jobs, len(ways))) as threads:

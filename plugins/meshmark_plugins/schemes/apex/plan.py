@@ -11,6 +11,7 @@ from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import CapacityError
 from meshmark.parallel import Workers, ordered_map
 from meshmark.restraint import restrain
+from meshmark.scratch import ScratchFile
 from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import surface_distance
 from meshmark_plugins.schemes.apex.chain import solve_keys
@@ -45,16 +46,19 @@ class SurfacePlan:
         Carries displacements to other frames.
     keys : (J,) float64
         Frame of each key, increasing.
-    displacements : (J, 3 N) float64
-        In root areas of the reference frame.
+    displacements : ScratchFile
+        Of each key, J arrays (N, 3) in root areas of the reference frame.
     carriers : int
         Number of anchors.
+    scale : float
+        Share of the displacements that is applied.
     """
 
     cover: Cover
     keys: FloatArray
-    displacements: FloatArray
+    displacements: ScratchFile
     carriers: int
+    scale: float = 1.0
 
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index`."""
@@ -69,10 +73,11 @@ class SurfacePlan:
         before = int(min(np.floor(place), len(self.keys) - 1))
         after = min(before + 1, len(self.keys) - 1)
         share = place - before
-        blended: FloatArray = (1.0 - share) * self.displacements[
-            before
-        ] + share * self.displacements[after]
-        return blended
+        return (1.0 - share) * self._key(before) + share * self._key(after)
+
+    def _key(self, j: int) -> FloatArray:
+        displacement: FloatArray = self.scale * self.displacements.read(j).ravel()
+        return displacement
 
 
 def require_capacity(sightings: Sightings, tuning: Tuning) -> Layout:
@@ -146,7 +151,7 @@ def within_limit(
         mrms = ordered_map(_MeasureMRMS(plan, animation), trials.tolist(), jobs=jobs)
         if (mean := float(np.mean(list(mrms)))) <= max_mrms:
             return plan
-        plan = replace(plan, displacements=plan.displacements * (BELOW * max_mrms / mean))
+        plan = replace(plan, scale=plan.scale * BELOW * max_mrms / mean)
 
 
 @dataclass(frozen=True, eq=False)
