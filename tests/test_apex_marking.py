@@ -188,6 +188,7 @@ def gallop_plan(gallop) -> SurfacePlan:
     return Apex().plan(gallop, WORDS)
 
 
+@pytest.mark.slow
 def test_keys_before_and_after_the_middle_come_out_alike_in_any_number_of_processes():
     coarse = build_creature(points=3000).select([0, 8, 16])
     plans = [Apex(hold=1).plan(coarse, WORDS, jobs=jobs) for jobs in (1, 2)]
