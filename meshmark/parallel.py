@@ -6,7 +6,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import wraps
@@ -148,9 +148,9 @@ class Workers(Generic[Item, Result]):
             for item in items:
                 waiting.append(self._pool.submit(self._kept, item))
                 if len(waiting) > 2 * self._jobs:
-                    yield waiting.popleft().result()
+                    yield self._pool.result(waiting.popleft())
             while waiting:
-                yield waiting.popleft().result()
+                yield self._pool.result(waiting.popleft())
         except BrokenProcessPool:
             self._pool.restart()
             raise WorkerError(
@@ -158,8 +158,7 @@ class Workers(Generic[Item, Result]):
                 f"fewer of them, {JOBS_VARIABLE}=1, need less"
             ) from None
         finally:
-            # Futures of a pool that breaks must not be cancelled meanwhile: it complains.
-            wait([f for f in waiting if self._pool.is_abandoned or not f.cancel()])
+            self._pool.drop(waiting)
 
 
 class _Shared(threading.local):

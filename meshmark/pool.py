@@ -10,9 +10,10 @@ import sys
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -20,6 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
+
+# Linux writes up to 4096 bytes in one piece; beside a result, some words about it are sent.
+SHORT = 2048  # bytes
 
 
 class Pool:
@@ -84,6 +88,29 @@ class Pool:
             self._executor = ProcessPoolExecutor(self._jobs, self._context, _begin, (self._theirs,))
         return self._executor.submit(_call, kept, item)
 
+    def result(self, future: Future[Any]) -> Any:
+        """Wait for what a submitted call returns.
+
+        Raises
+        ------
+        BrokenProcessPool
+            If a worker has died, or all are to end.
+        """
+        answer = future.result()
+        if not isinstance(answer, _Left):
+            return answer
+        data = answer.path.read_bytes()
+        answer.path.unlink()
+        return pickle.loads(data)
+
+    def drop(self, futures: Iterable[Future[Any]]) -> None:
+        """Forget calls that nobody wants the results of any more, and wait for those begun."""
+        # Futures of a pool that breaks must not be cancelled meanwhile: it complains.
+        begun = [f for f in futures if self.is_abandoned or not f.cancel()]
+        for future in wait(begun).done:
+            if future.exception() is None and isinstance(future.result(), _Left):
+                future.result().path.unlink()
+
     def restart(self) -> None:
         """Start other workers when next asked: one of these died, and the rest ended with it."""
         self._executor = None
@@ -146,8 +173,40 @@ def _watch(lifeline: Connection) -> None:
     os._exit(1)
 
 
+@dataclass(frozen=True)
+class _Left:
+    """Where a worker has left a result."""
+
+    path: Path
+
+
 def _call(kept: Path | bytes, item: Any) -> Any:
-    return _function(kept)(item)
+    """Call a function that was kept; leave what it returns in a file, unless that is short.
+
+    Of a worker that is ended while it writes into the pipe between us, we would wait for the rest
+    for ever. What is short is written in one piece, or not at all.
+    """
+    result = _function(kept)(item)
+    if not isinstance(kept, Path):
+        return result
+    data = pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
+    return result if len(data) <= SHORT else _left(data, kept.parent, result)
+
+
+def _left(data: bytes, folder: Path, result: Any) -> Any:
+    try:
+        handle, name = tempfile.mkstemp(dir=folder)
+        path = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+        except OSError:
+            path.unlink()
+            raise
+    except OSError:
+        # Such as that of a full disk.
+        return result
+    return _Left(path)
 
 
 @lru_cache(maxsize=2)

@@ -4,8 +4,10 @@ import errno
 import gc
 import os
 import pickle
+import shutil
 import signal
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from meshmark.errors import InputError, OutputError, UsageError, WorkerError
 from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
+from meshmark.pool import Pool
 from meshmark.scratch import DOUBLE, ScratchFile
 
 
@@ -36,6 +39,28 @@ def test_results_come_in_order(jobs) -> None:
 def test_errors_come_home_whole(jobs) -> None:
     with pytest.raises(InputError, match=r"a\.usd: /A: frame 7: seven is bad"):
         list(ordered_map(fail_at_seven, range(20), jobs=jobs))
+
+
+@pytest.mark.parametrize("size", [10, 10_000_000])
+def test_long_results_do_not_go_through_a_pipe(size) -> None:
+    # A worker that is killed while it writes into one leaves a torn message.
+    with closing(Pool(2)) as pool:
+        kept = pool.keep(bytes)
+        assert isinstance(kept, Path)
+        calls = [pool.submit(kept, size) for _ in range(4)]
+        assert all(len(pickle.dumps(call.result())) < 4000 for call in calls)
+        assert [pool.result(call) for call in calls[:2]] == [bytes(size)] * 2
+        pool.drop(calls[2:])
+        assert list(kept.parent.iterdir()) == [kept]
+
+
+def test_long_results_come_all_the_same_where_nothing_can_be_written(tmp_path) -> None:
+    (tmp_path / "function").write_bytes(pickle.dumps(bytes))
+    with closing(Pool(1)) as pool:
+        call = pool.submit(tmp_path / "function", 1)
+        assert pool.result(call) == bytes(1)
+        shutil.rmtree(tmp_path)
+        assert pool.result(pool.submit(tmp_path / "function", 100_000)) == bytes(100_000)
 
 
 def process_of(x: int) -> tuple[int, int]:

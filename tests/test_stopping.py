@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -164,6 +165,74 @@ def test_signals_mean_what_they_did_before_again() -> None:
         signal.raise_signal(signal.SIGTERM)
     assert stop.value.exit_code == 143
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def stopped(work: Callable[[], None]) -> Stopped:
+    """Do what is to be stopped, and wait for that a while if need be."""
+    try:
+        with stopping():
+            work()
+            until(lambda: False)
+    except Stopped as stop:
+        return stop
+    pytest.fail("was not stopped")
+
+
+def test_the_making_of_a_temporary_file_is_not_cut_short(tmp_path, monkeypatch) -> None:
+    opened = os.open
+
+    def open_and_be_told(*arguments: Any) -> int:
+        handle = opened(*arguments)
+        signal.raise_signal(signal.SIGTERM)
+        return handle
+
+    def make_a_file_and_remove_it() -> None:
+        handle, name = tempfile.mkstemp(dir=tmp_path)
+        monkeypatch.undo()
+        os.close(handle)
+        Path(name).unlink()
+
+    monkeypatch.setattr(os, "open", open_and_be_told)
+    stopped(make_a_file_and_remove_it)
+    assert not any(tmp_path.iterdir())
+
+
+def test_what_is_swallowed_is_raised_again() -> None:
+    def swallow() -> None:
+        with suppress(Stopped):
+            signal.raise_signal(signal.SIGTERM)
+
+    stopped(swallow)
+
+
+def test_tidying_is_not_cut_short_by_being_told_again() -> None:
+    tidied = []
+
+    def tidy_up() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+            tidied.append(True)
+
+    assert str(stopped(tidy_up)) == "stopped by SIGINT"
+    assert tidied
+
+
+def test_what_fails_because_it_was_stopped_is_stopped() -> None:
+    def fail() -> None:
+        raise ImportError("initialization failed")
+
+    def fail_when_stopped() -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except Stopped:
+            fail()
+
+    stopped(fail_when_stopped)
+    with pytest.raises(ImportError), stopping():
+        fail()
 
 
 def test_what_is_ignored_stays_so() -> None:

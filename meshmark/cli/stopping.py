@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -15,6 +15,8 @@ from meshmark.pool import abandon_workers
 # What schedulers, closed terminals and people send. Not every system knows all of them.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 REMIND_EVERY = 0.1  # seconds
+# An import that is cut short may fail in its own way; a temporary file whose making is, stays.
+NOT_CUT_SHORT = ("importlib._bootstrap", "tempfile")
 
 
 class Stopped(BaseException):
@@ -60,8 +62,8 @@ def stopping() -> Iterator[None]:
 class _Stop:
     """A handler of signals that raises `Stopped` until that is on its way out.
 
-    Compiled libraries swallow what is raised while they call back into Python; two of those in
-    use do while they are imported, and are left half-imported by it.
+    Compiled libraries swallow what is raised while they call back into Python, so that once may
+    not be enough.
     """
 
     def __init__(self) -> None:
@@ -78,7 +80,7 @@ class _Stop:
             reminder = threading.Thread(target=self._remind, daemon=True)
             reminder.start()
             self._reminder = reminder
-        if _is_importing(frame):
+        if _is_within(frame, NOT_CUT_SHORT):
             return
         # Nobody wants what they are at any more, and a frame can take them long.
         abandon_workers()
@@ -103,7 +105,7 @@ def _is_being_handled(kind: type[BaseException]) -> bool:
     return error is not None
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
+def _is_within(frame: FrameType | None, modules: Collection[str]) -> bool:
+    while frame is not None and frame.f_globals.get("__name__") not in modules:
         frame = frame.f_back
     return frame is not None
