@@ -79,10 +79,6 @@ class Strand:
         R, C, K = self.frames[0].steps.shape
         return len(self.frames), R, C, K
 
-    def frame(self, index: int) -> FloatArray:
-        """Evidence of one frame, (R, C, K), in [-1, 1]."""
-        return self.frames[index].steps / STEPS
-
     def reading(self, index: int) -> NDArray[np.int8]:
         """Evidence of all frames as one reading gives it, (T, C, K), in units of 1 / `STEPS`."""
         return np.array([frame.steps[index] for frame in self.frames])

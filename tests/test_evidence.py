@@ -13,7 +13,7 @@ from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.placement import Placement
 from meshmark.statistics import word_log_e_means
-from meshmark.strand import Strand
+from meshmark.strand import STEPS, Strand
 from meshmark.verdict import decide
 
 KEY = Key(bytes(range(32)))
@@ -179,7 +179,7 @@ def test_p_of_unmarked_evidence_is_honest_over_keys() -> None:
 def test_evidence_is_kept_in_steps_and_erasures_stay_erasures() -> None:
     soft = np.array([-1.0, -0.5, -1e-5, 0.0, 1e-5, 0.3, 1.0]).reshape(1, 1, 1, 7)
     strand = Strand.of(soft, np.zeros(1))
-    np.testing.assert_allclose(strand.frame(0), soft[0], atol=1 / 127)
+    np.testing.assert_allclose(strand.frames[0].steps / STEPS, soft[0], atol=1 / STEPS)
     np.testing.assert_array_equal(np.sign(strand.frames[0].steps), np.sign(soft[0]))
 
 
