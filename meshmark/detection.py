@@ -169,7 +169,7 @@ class Extraction:
                     done += 1
                     if progress is not None:
                         progress(done, len(frames))
-            strands = tuple(self._strand(frames, n, len(wanted)) for n in wanted)
+            strands = tuple(self._strand(frames, n) for n in wanted)
         except CapacityError as error:
             raise CapacityError(
                 error.message, source=self.animation.origin, prim=self.animation.prim
@@ -191,7 +191,7 @@ class Extraction:
             decisive=self._decisive,
         )
 
-    def _strand(self, frames: Sequence[int], restored: int, n_wanted: int) -> Strand | None:
+    def _strand(self, frames: Sequence[int], restored: int) -> Strand | None:
         numbers = [self._seen[t, restored] for t in frames]
         sightings = Made(lambda i: self._spool[numbers[i]], len(numbers))
         if all(sighting is None for sighting in sightings):

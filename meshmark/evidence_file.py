@@ -191,7 +191,7 @@ def _strand(
     if strand.log_prior.shape != (strand.shape[1],):
         raise ValueError("shapes")
     # Belief beyond 1 would make any key look right.
-    if np.exp(strand.belief).sum() > 1.0 + 1e-9:
+    if not np.exp(strand.belief).sum() <= 1.0 + 1e-9:
         raise ValueError("belief")
     return strand
 

@@ -112,8 +112,14 @@ class Pool:
                 future.result().path.unlink()
 
     def restart(self) -> None:
-        """Start other workers when next asked: one of these died, and the rest ended with it."""
-        self._executor = None
+        """Start other workers when next asked: one of these died, and the rest end with it."""
+        # By the thread that starts them, so that nothing is asked of them meanwhile.
+        self._starter.submit(self._end_executor, cancel=not self.is_abandoned).result()
+
+    def _end_executor(self, cancel: bool) -> None:
+        executor, self._executor = self._executor, None
+        if executor is not None:
+            executor.shutdown(wait=True, cancel_futures=cancel)
 
     def abandon(self) -> None:
         """End the workers at once."""
@@ -123,8 +129,7 @@ class Pool:
     def close(self) -> None:
         """Let the workers end."""
         self._starter.shutdown(wait=True)
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=not self.is_abandoned)
+        self._end_executor(cancel=not self.is_abandoned)
         self._lifeline.close()
         self._theirs.close()
         if self._folder is not None:
@@ -146,6 +151,10 @@ def one_thread() -> threadpool_limits:
     return threadpool_limits(limits=1, user_api="blas")
 
 
+if sys.platform != "win32":
+    _HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 def _hold_signals() -> None:
     """Keep signals from this thread, and from processes it starts until they let them through."""
     if sys.platform != "win32":
@@ -162,10 +171,6 @@ def _begin(lifeline: Connection) -> None:
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD)
     threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
-
-
-if sys.platform != "win32":
-    _HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def _watch(lifeline: Connection) -> None:

@@ -20,7 +20,8 @@ ROOM = 1 << 22  # bytes
 class Spool(Generic[Thing]):
     """Things that are written to a temporary file one by one, and read when asked for.
 
-    The file has no name, and is gone with the spool or its process.
+    The file has no name, and is gone with the spool or its process. It has one place to read and
+    write at: not for several threads at a time.
 
     Parameters
     ----------

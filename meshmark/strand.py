@@ -14,7 +14,6 @@ from meshmark.placement import Placement, together
 from meshmark.spool import Made
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # Evidence is kept in steps of 1 / 127, an eighth of the room: whoever is judged by it is judged
 # by the rounded numbers, which are as independent of the key as the others.
@@ -70,7 +69,8 @@ class Strand:
     ) -> Strand:
         """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
         steps = in_steps(soft)
-        frames = tuple(map(FrameEvidence, steps, placements or (None,) * len(steps)))
+        placed = zip(steps, placements or (None,) * len(steps), strict=True)
+        frames = tuple(FrameEvidence(*frame) for frame in placed)
         return cls(restored, log_belief, log_prior, frames)
 
     @cached_property

@@ -120,6 +120,7 @@ def rewritten(path, target, change) -> None:
         lambda a: {"steps0.0": np.asfortranarray(a["steps0.0"])},
         lambda a: {"prior0.0": a["prior0.0"][:2]},
         lambda a: {"prior0.0": a["prior0.0"] + 1.0},
+        lambda a: {"prior0.0": a["prior0.0"] * np.nan},
         lambda a: {"place0.1": a["place0.1"][:1]},
         lambda a: {"place0.1": a["place0.1"][:, :1]},
         lambda a: {"place0.1": a["place0.1"] + 1e300},

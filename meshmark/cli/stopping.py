@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
@@ -89,13 +88,23 @@ class _Stop:
     def _remind(self) -> None:
         assert self.signum is not None
         while not self._is_over.wait(REMIND_EVERY):
-            os.kill(os.getpid(), self.signum)
+            _remind_main_thread(self.signum)
 
     def forget(self) -> None:
         """Send no reminders any more."""
         self._is_over.set()
         if self._reminder is not None:
             self._reminder.join()
+
+
+def _remind_main_thread(signum: int) -> None:
+    if sys.platform == "win32":
+        # To send one to a process means to end it there.
+        signal.raise_signal(signum)
+    else:
+        main = threading.main_thread().ident
+        assert main is not None
+        signal.pthread_kill(main, signum)
 
 
 def _is_being_handled(kind: type[BaseException]) -> bool:

@@ -47,7 +47,8 @@ class SurfacePlan:
     keys : (J,) float64
         Frame of each key, increasing.
     displacements : ScratchFile
-        Of each key, J arrays (N, 3) in root areas of the reference frame.
+        Of each key, J arrays (N, 3) in root areas of the reference frame. Copies of the plan in
+        other processes read the same file, which goes with this one.
     carriers : int
         Number of anchors.
     scale : float
