@@ -4,7 +4,12 @@ Mark on publish, and later say from a leaked copy alone, and a secret key: ours,
 and with what probability of being wrong.
 """
 
-from __future__ import annotations
+import sys
+
+# `python -m` puts the working directory first on the import path, and calls the program "-m" while
+# it looks for the module. Nothing there is to be imported, `__future__` and `typing` neither.
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    del sys.path[0]
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

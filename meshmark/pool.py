@@ -10,9 +10,10 @@ import sys
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import resource_tracker
@@ -21,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
+
+from meshmark.errors import UsageError
 
 # Linux writes up to 4096 bytes in one piece; beside a result, some words about it are sent.
 SHORT = 2048  # bytes
@@ -83,10 +86,12 @@ class Pool:
         if self._executor is None:
             # It is to outlive us whatever comes, but looks after two of the three signals only,
             # and lets those through again.
-            resource_tracker.ensure_running()
+            with safe_path():
+                resource_tracker.ensure_running()
             _hold_signals()
             self._executor = ProcessPoolExecutor(self._jobs, self._context, _begin, (self._theirs,))
-        return self._executor.submit(_call, kept, item)
+        with safe_path():
+            return self._executor.submit(_call, kept, item)
 
     def result(self, future: Future[Any]) -> Any:
         """Wait for what a submitted call returns.
@@ -144,6 +149,36 @@ def abandon_workers() -> None:
     """End all worker processes at once, whatever they are at; for when everything is to end."""
     for pool in list(_pools):
         pool.abandon()
+
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+_starting = threading.Lock()
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Keep the working directory off the import path of processes started meanwhile.
+
+    Python puts it there first for `python -c`, which is how `multiprocessing` starts its own. Who
+    is asked about a leaked copy often stands in the folder it came in, beside what else is there.
+
+    Raises
+    ------
+    UsageError
+        If this Python was told not to look at the environment: nor would those it starts.
+    """
+    if sys.flags.ignore_environment and not sys.flags.safe_path:
+        raise UsageError("`python -E` lets workers import from the working directory; add -P")
+    with _starting:
+        before = os.environ.get(_SAFE_PATH)
+        os.environ[_SAFE_PATH] = "1"
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ[_SAFE_PATH]
+            else:
+                os.environ[_SAFE_PATH] = before
 
 
 def one_thread() -> threadpool_limits:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import chdir
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,15 @@ def can_plot() -> bool:
     return find_spec("matplotlib") is not None
 
 
+def _load_matplotlib() -> None:
+    """Import matplotlib where there is no `matplotlibrc`: it reads one in the working directory."""
+    spec = find_spec("matplotlib")
+    assert spec is not None
+    assert spec.origin is not None
+    with chdir(Path(spec.origin).parent):
+        import_module("matplotlib")
+
+
 def draw_plots(document: Mapping[str, Any], folder: Path) -> list[str]:
     """Draw a figure for each family of attacks that has more than one row.
 
@@ -25,6 +36,7 @@ def draw_plots(document: Mapping[str, Any], folder: Path) -> list[str]:
     list of str
         File names, in the folder.
     """
+    _load_matplotlib()
     rows = [row for row in document["rows"] if row["error"] is None]
     families = dict.fromkeys(row["family"] for row in rows)
     names = []
