@@ -2,45 +2,105 @@
 
 from __future__ import annotations
 
-import zipfile
-from pathlib import Path, PurePosixPath
+from collections.abc import Iterator
+from glob import escape, glob
+from pathlib import Path
 
-from pxr import Ar, Sdf, UsdUtils
+import numpy as np
+from pxr import Ar, Sdf, Usd, UsdUtils
 
-from meshmark.errors import OutputError
 from meshmark.usd.layers import sublayer_path
+from meshmark.usd.unpacking import UDIM, Unpacking, assets_folder
 
 
-def anchor_asset_paths(layer: Sdf.Layer, output: Path) -> None:
-    """Rewrite the absolute asset paths that flattening leaves, for a layer to lie at `output`.
+def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacked: Path) -> None:
+    """Rewrite the asset paths that flattening leaves, for a layer to lie at `output`.
 
     A path to a layer, such as the identifier in `assetInfo`, is removed: nothing in a flattened
     layer needs it, and it may lead to unmarked points. A path into a package becomes a path to a
     copy in the folder `<name of output>.assets`. Other absolute paths become relative. Paths
-    that flattening could not resolve stay as they are.
+    that lead nowhere stay as they are.
+
+    Parameters
+    ----------
+    layer : Sdf.Layer
+        The flattened layer.
+    stage : Usd.Stage
+        What it was flattened from, without instances.
+    output : Path
+        Where the layer will lie.
+    unpacked : Path
+        The folder to make, if anything is copied, that will become the one beside the output.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be copied out of its package, or its name could lead out of the folder.
     """
+    unpacking = Unpacking(unpacked)
 
     def anchored(path: str) -> str:
         if Sdf.FileFormat.FindByExtension(path):
             return ""
         if Ar.IsPackageRelativePath(path):
-            return sublayer_path(_unpacked(path, output), output)
+            copied = assets_folder(output) / unpacking.copy(path)
+            return sublayer_path(copied, output)
         return sublayer_path(Path(path), output) if Path(path).is_absolute() else path
 
+    _anchor_tiles(layer, stage)
     UsdUtils.ModifyAssetPaths(layer, anchored)
 
 
-def _unpacked(path: str, output: Path) -> Path:
-    """Copy a file out of the package it lies in, beside the output."""
-    package, inner = Ar.SplitPackageRelativePathOuter(path)
-    if ".." in PurePosixPath(inner).parts:
-        raise OutputError(f"{package} holds a file that would leave it: {inner}", source=output)
-    copy: Path = output.with_name(f"{output.name}.assets") / inner
-    try:
-        with zipfile.ZipFile(package) as archive:
-            data = archive.read(inner)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        copy.write_bytes(data)
-    except (OSError, KeyError, zipfile.BadZipFile) as error:
-        raise OutputError(f"cannot copy {inner} out of {package}: {error}", source=output) from None
-    return copy
+def _anchor_tiles(layer: Sdf.Layer, stage: Usd.Stage) -> None:
+    """Make paths to tiled textures absolute where flattening did not.
+
+    USD looks a path without a leading dot up as a file, and no file is called <UDIM>.
+    """
+    for path, time, value in _asset_values(layer):
+        paths = [value.path] if isinstance(value, Sdf.AssetPath) else [each.path for each in value]
+        if not any(map(_is_loose, paths)):
+            continue
+        code = Usd.TimeCode.Default() if np.isnan(time) else Usd.TimeCode(time)
+        author = next(iter(stage.GetAttributeAtPath(path).GetPropertyStack(code)), None)
+        if author is None:
+            continue
+        found = [Sdf.AssetPath(_found(each, author.layer)) for each in paths]
+        new = found[0] if isinstance(value, Sdf.AssetPath) else Sdf.AssetPathArray(found)
+        if np.isnan(time):
+            layer.GetAttributeAtPath(path).default = new
+        else:
+            layer.SetTimeSample(path, time, new)
+
+
+def _asset_values(
+    layer: Sdf.Layer,
+) -> Iterator[tuple[Sdf.Path, float, Sdf.AssetPath | Sdf.AssetPathArray]]:
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    types = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
+    for path in filter(Sdf.Path.IsPrimPropertyPath, paths):
+        attribute = layer.GetAttributeAtPath(path)
+        if attribute is None or attribute.typeName not in types:
+            continue
+        if isinstance(attribute.default, Sdf.AssetPath | Sdf.AssetPathArray):
+            yield path, np.nan, attribute.default
+        for time in layer.ListTimeSamplesForPath(path):
+            value = layer.QueryTimeSample(path, time)
+            if isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
+                yield path, time, value
+
+
+def _is_loose(path: str) -> bool:
+    return UDIM in path and not path.startswith(".") and not Path(path).is_absolute()
+
+
+def _found(path: str, layer: Sdf.Layer) -> str:
+    """Anchor a path to the layer that authored it, if its tiles are there."""
+    if not _is_loose(path):
+        return path
+    anchored: str = Sdf.ComputeAssetPathRelativeToLayer(layer, f"./{path}")
+    if Ar.IsPackageRelativePath(anchored):
+        return anchored
+    before, _, after = anchored.partition(UDIM)
+    tiles = glob(f"{escape(before)}[0-9][0-9][0-9][0-9]{escape(after)}")  # noqa: PTH207
+    return anchored if tiles else path

@@ -15,6 +15,7 @@ from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_
 from meshmark.usd.opening import open_stage
 from meshmark.usd.overlay import lay_over, refuse_to_overwrite
 from meshmark.usd.traces import Traces, replace_traces
+from meshmark.usd.unpacking import assets_folder
 from meshmark.usd.writing import require_prim
 
 
@@ -55,7 +56,7 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
     refuse_to_overwrite(stage, output)
     for mesh in marked.meshes:
         _require_every_frame(require_prim(stage, mesh, original.source), mesh)
-    with replacing(output) as beside, usd_output_errors(output):
+    with replacing(output, assets_folder(output)) as beside, usd_output_errors(output):
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
             lay_over(target.layer, stage, original.source, overlay)
@@ -69,7 +70,7 @@ def _export(stage: Usd.Stage, traces: Traces, output: Path, beside: Path) -> Non
     make_instances_editable(stage)
     layer = flattened(stage)
     replace_traces(layer, traces)
-    anchor_asset_paths(layer, output)
+    anchor_asset_paths(layer, stage, output, assets_folder(beside))
     layer.Export(str(beside))
 
 

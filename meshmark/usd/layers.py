@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -85,8 +85,16 @@ def new_layer(output: Path) -> Iterator[StreamedLayer]:
 
 
 @contextmanager
-def replacing(output: Path) -> Iterator[Path]:
+def replacing(output: Path, companion: Path | None = None) -> Iterator[Path]:
     """Give a path beside `output` to write to, moved to `output` when the block ends well.
+
+    Parameters
+    ----------
+    output : Path
+        A .usd, .usda or .usdc file.
+    companion : Path, optional
+        A folder beside `output`: what the block makes of that name beside the path it is given
+        takes its place, together with the file.
 
     Raises
     ------
@@ -95,7 +103,7 @@ def replacing(output: Path) -> Iterator[Path]:
     OutputError
         If the place cannot be written to.
     """
-    if output.suffix not in SUFFIXES:
+    if output.suffix.lower() not in SUFFIXES:
         raise UsageError(f"must end in one of {', '.join(SUFFIXES)}", source=output)
     with _os_errors(output):
         # On the same disk, or it could not be moved in one step.
@@ -103,8 +111,16 @@ def replacing(output: Path) -> Iterator[Path]:
     with folder as name:
         beside = Path(name) / output.name
         yield beside
-        with _os_errors(output):
+        with _os_errors(output), ExitStack() as undo:
+            if companion is not None and (made := Path(name) / companion.name).is_dir():
+                before = Path(name) / "before"
+                if companion.exists():
+                    companion.rename(before)
+                    undo.callback(before.rename, companion)
+                made.rename(companion)
+                undo.callback(companion.rename, made)
             beside.replace(output)
+            undo.pop_all()
 
 
 @contextmanager
