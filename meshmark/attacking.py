@@ -12,9 +12,10 @@ import numpy as np
 from meshmark.animation import Asset
 from meshmark.errors import UsageError
 from meshmark.interfaces import Attack
+from meshmark.places import require_apart
 from meshmark.plugins import catalogue, make_attack, make_reader
 from meshmark.recipe import convert
-from meshmark.sources import LAYER_SUFFIXES
+from meshmark.sources import LAYER_SUFFIXES, files_in_reach
 
 
 def attack_from_text(name: str, parameters: Sequence[str]) -> Attack:
@@ -52,7 +53,10 @@ def write_attacked(asset: Asset, output: Path) -> None:
     ------
     UsageError
         If the output is neither.
+    OutputError
+        If it is part of the source.
     """
+    require_apart([output], files_in_reach(asset.source))
     if output.suffix.lower() in LAYER_SUFFIXES:
         from meshmark.usd.stages import write_stage
 

@@ -8,24 +8,41 @@ from pathlib import Path
 
 from meshmark.animation import Asset
 from meshmark.errors import OutputError, UsageError
+from meshmark.manifest import manifest_path
 from meshmark.marking import MarkedAsset
-from meshmark.sources import LAYER_SUFFIXES, read
+from meshmark.places import assets_folder, require_apart, require_names_fit
+from meshmark.sources import LAYER_SUFFIXES, files_in_reach, read
 
 
 def check_output(target: Path, source: str | Path, deliver: bool) -> None:
-    """Refuse an output that could not be written, before any work is done.
+    """Refuse an output that could not or must not be written, before any work is done.
+
+    Parameters
+    ----------
+    target : Path
+        The output; what is written beside it is looked at, too.
+    source : str or Path
+        What will be read. None of the files it could ever use may be overwritten.
+    deliver : bool
+        Whether the output will be a deliverable.
 
     Raises
     ------
     UsageError
         If it is the source itself, or cannot be what was asked for.
     OutputError
-        If its folder is missing or cannot be written to.
+        If it is part of the source, its name is too long, or its folder is missing or cannot be
+        written to.
     """
     if target.resolve() == Path(source).resolve():
         raise UsageError("the output is the source itself", source=target)
     if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
         raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
+    beside = [manifest_path(target), *([assets_folder(target)] if deliver else [])]
+    require_names_fit([target, *beside])
+    require_apart([target, *beside], files_in_reach(source))
+    if _joins(target, Path(source)):
+        raise OutputError("would become a frame of the source", source=target)
     folder = target.parent
     if not folder.is_dir():
         raise OutputError("the folder to write into does not exist", source=folder)
@@ -39,6 +56,19 @@ def check_output(target: Path, source: str | Path, deliver: bool) -> None:
         ) from None
     if target.is_dir() and target.suffix.lower() in LAYER_SUFFIXES:
         raise OutputError("is a folder", source=target)
+    if manifest_path(target).is_dir():
+        raise OutputError("is a folder", source=manifest_path(target))
+    place = assets_folder(target)
+    if deliver and (place.is_symlink() or (place.exists() and not place.is_dir())):
+        raise OutputError("is in the way: it must be a folder, or not there", source=place)
+
+
+def _joins(target: Path, source: Path) -> bool:
+    """Tell whether a file would be read with the frames of a folder or pattern from now on."""
+    if source.is_dir():
+        kinds = {file.suffix.lower() for file in source.iterdir()}
+        return target.parent.resolve() == source.resolve() and target.suffix.lower() in kinds - {""}
+    return not source.exists() and target.absolute().match(str(source.absolute()))
 
 
 def complete(marked: MarkedAsset) -> Asset:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,19 @@ def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
     raise InputError(
         f"nothing here reads it: not USD, and none of the readers {known}", source=name
     )
+
+
+def files_in_reach(source: str | Path) -> list[Path]:
+    """List every file a source could use, whatever is selected or loaded; none if it is missing."""
+    path = Path(source)
+    if path.name.lower().endswith(STAGE_SUFFIXES) and path.is_file():
+        from meshmark.usd.reach import files_in_reach as of_stage
+
+        return of_stage(str(source))
+    if path.is_dir():
+        return [file for file in path.iterdir() if file.is_file()]
+    # Path.glob takes no absolute patterns.
+    return [path] if path.exists() else [Path(name) for name in glob(str(source), recursive=True)]  # noqa: PTH207
 
 
 def texture_coordinates(asset: Asset, prim: str) -> NDArray[np.float64] | None:

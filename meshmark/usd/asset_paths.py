@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdUtils
 
+from meshmark.places import assets_folder
 from meshmark.usd.layers import sublayer_path
-from meshmark.usd.unpacking import UDIM, Unpacking, assets_folder
+from meshmark.usd.unpacking import UDIM, Unpacking
 
 
 def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacked: Path) -> None:

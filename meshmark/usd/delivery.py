@@ -8,14 +8,15 @@ from pxr import Usd
 
 from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.places import assets_folder
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over, refuse_to_overwrite
+from meshmark.usd.overlay import lay_over
+from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.traces import Traces, replace_traces
-from meshmark.usd.unpacking import assets_folder
 from meshmark.usd.writing import require_prim
 
 
@@ -53,7 +54,7 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
         If the place cannot be written to or is part of the source.
     """
     stage = open_stage(original.source).stage
-    refuse_to_overwrite(stage, output)
+    refuse_to_overwrite(original.source, output)
     for mesh in marked.meshes:
         _require_every_frame(require_prim(stage, mesh, original.source), mesh)
     with replacing(output, assets_folder(output)) as beside, usd_output_errors(output):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
-from meshmark.errors import OutputError
 from meshmark.usd.layers import sublayer_path
 
 # USD asks these of the root layer alone, never of its sublayers.
@@ -37,19 +36,3 @@ def copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:
     for name in STAGE_METADATA:
         if source.pseudoRoot.HasInfo(name):
             target.pseudoRoot.SetInfo(name, source.pseudoRoot.GetInfo(name))
-
-
-def refuse_to_overwrite(stage: Usd.Stage, output: Path) -> None:
-    """Refuse an output that is one of the files the stage is composed from.
-
-    Raises
-    ------
-    OutputError
-        If it is.
-    """
-    place = output.resolve()
-    for layer in stage.GetUsedLayers(includeClipLayers=True):
-        # A layer inside a package is named package.usdz[inner.usdc].
-        name = layer.realPath.partition("[")[0]
-        if name and Path(name).resolve() == place:
-            raise OutputError("is part of the source and will not be overwritten", source=output)

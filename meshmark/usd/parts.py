@@ -14,7 +14,8 @@ from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import OutputError, UsageError
 from meshmark.usd.layers import StreamedLayer, new_layer
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over, refuse_to_overwrite
+from meshmark.usd.overlay import lay_over
+from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.writing import require_prim
 
 IntArray = NDArray[np.int64]
@@ -59,7 +60,7 @@ def write_parts(
         If the place cannot be written to, or the mesh is inside an instance.
     """
     stage = open_stage(asset.source).stage
-    refuse_to_overwrite(stage, output)
+    refuse_to_overwrite(asset.source, output)
     with new_layer(output) as target:
         lay_over(target.layer, stage, asset.source, output)
         for path, labels in labels_by_prim.items():

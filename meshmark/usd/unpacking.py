@@ -29,11 +29,6 @@ _FORBIDDEN = re.compile(r'[\x00-\x1f\x7f\\:<>"|?*]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|com[0-9¹²³]|lpt[0-9¹²³])\s*(\..*)?", re.I)
 
 
-def assets_folder(output: Path) -> Path:
-    """Return the folder beside a deliverable that files out of packages are copied into."""
-    return output.with_name(f"{output.name}.assets")
-
-
 def safe_parts(name: str, package: str) -> tuple[str, ...]:
     """Split the name of a file in a package into folders and file.
 

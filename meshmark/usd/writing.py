@@ -11,7 +11,8 @@ from meshmark.errors import OutputError, UsageError
 from meshmark.usd.authoring import author_marked_points
 from meshmark.usd.layers import new_layer
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over, refuse_to_overwrite
+from meshmark.usd.overlay import lay_over
+from meshmark.usd.reach import refuse_to_overwrite
 
 
 def write_override(original: Asset, marked: Asset, output: Path) -> None:
@@ -39,7 +40,7 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
         If the marked meshes do not fit the original.
     """
     stage = open_stage(original.source).stage
-    refuse_to_overwrite(stage, output)
+    refuse_to_overwrite(original.source, output)
     pairs = [(require_prim(stage, mesh, original.source), mesh) for mesh in marked.meshes]
     pairs = [(prim, mesh) for prim, mesh in pairs if not prim.IsInstanceProxy()]
     if not pairs:
