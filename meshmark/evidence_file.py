@@ -1,29 +1,47 @@
-"""Evidence on disk: measured once, tried with any number of keys later."""
+"""Evidence on disk: measured once, tried with any number of keys later.
+
+An evidence file is sealed (`sealing.py`). Under the seal is one gzip stream: the length of the
+header in four bytes, the header as JSON (`evidence_header.py`), and the arrays it tells of, each
+without a break after the other, little-endian, frame by frame. Nothing in it says its own size.
+"""
 
 from __future__ import annotations
 
-import json
-import zipfile
+import gzip
+import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
-from numpy.lib import format as npy
-from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence
-from meshmark.manifest import written_beside
-from meshmark.placement import WINDOW, Placement
-from meshmark.records import read_records, write_records
+from meshmark.evidence_header import (
+    EXPANSION,
+    LONGEST,
+    ItemHeader,
+    StrandHeader,
+    header_text,
+    parse_header,
+)
+from meshmark.placement import Placement
+from meshmark.sealing import sealed, unsealed
 from meshmark.spool import Made, Spool
-from meshmark.strand import FrameEvidence, Strand
+from meshmark.strand import STEPS, FrameEvidence, Strand
 
-FORMAT = "meshmark-evidence-2"
+FORMAT = "meshmark-evidence-3"
+KIND = f"{FORMAT}\n".encode()
+
+_LENGTH = struct.Struct("<I")
+_STEP, _REAL = np.dtype("<i1"), np.dtype("<f8")
+# What sums of beliefs may exceed 1 by.
+_ROUNDING = 1e-9
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,182 +70,136 @@ class StoredEvidence:
 
 
 def save_evidence(stored: StoredEvidence, path: Path) -> None:
-    """Write evidence to a file; it holds nothing of a key, nor of the mesh itself.
+    """Write evidence to a sealed file; it holds nothing of a key, nor of the mesh itself.
 
     Raises
     ------
     OutputError
         If it cannot be written; nothing half-written is left.
     """
-    header = {
-        "format": FORMAT,
-        "files": [list(pair) for pair in stored.files],
-        "recipes": list(stored.recipes),
-        "frames": stored.frames,
-        "items": [_described(item) for item in stored.items],
-        "notes": list(stored.notes),
-    }
-    with (
-        written_beside(path) as file,
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-    ):
-        _write_array(archive, "header", np.array(json.dumps(header)))
-        for i, item in enumerate(stored.items):
-            _write_array(archive, f"times{i}", item.times)
-            for j, strand in enumerate(item.strands):
-                _write_strand(archive, f"{i}.{j}", strand)
+    header = header_text(
+        stored.files, stored.recipes, stored.frames, stored.notes, stored.items
+    ).encode()
+    # No time of day: equal evidence gives equal bytes.
+    with sealed(path, KIND) as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as stream:
+        stream.write(_LENGTH.pack(len(header)) + header)
+        for item in stored.items:
+            _write(stream, item.times, _REAL)
+            for strand in item.strands:
+                _write_strand(stream, strand)
 
 
-def _described(item: Evidence) -> dict[str, Any]:
-    return {
-        "prim": item.prim,
-        "scheme": item.scheme,
-        "n_words": item.n_words,
-        "tracked": item.tracked,
-        "decisive": item.decisive,
-        "strands": [
-            {
-                "restored": strand.restored,
-                "log_belief": strand.log_belief,
-                "placed": strand.placements is not None,
-            }
-            for strand in item.strands
-        ],
-    }
+def _write_strand(stream: gzip.GzipFile, strand: Strand) -> None:
+    _write(stream, strand.log_prior, _REAL)
+    for frame in strand.frames:
+        _write(stream, frame.steps, _STEP)
+        if frame.placement is not None:
+            _write(stream, frame.placement.place, _REAL)
+            _write(stream, frame.placement.doubt, _REAL)
 
 
-def _write_array(archive: zipfile.ZipFile, name: str, array: NDArray[Any]) -> None:
-    with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-        npy.write_array(file, array, allow_pickle=False)
+def _write(stream: gzip.GzipFile, array: NDArray[Any], kind: np.dtype[Any]) -> None:
+    stream.write(array.astype(kind, order="C", copy=False).tobytes())
 
 
-def _write_strand(archive: zipfile.ZipFile, suffix: str, strand: Strand) -> None:
-    T, R, C, K = strand.shape
-    steps = (frame.steps for frame in strand.frames)
-    write_records(archive, f"steps{suffix}", steps, (T, R, C, K), np.int8)
-    _write_array(archive, f"prior{suffix}", strand.log_prior)
-    placements = strand.placements
-    if placements is not None:
-        places, doubts = (p.place for p in placements), (p.doubt for p in placements)
-        write_records(archive, f"place{suffix}", places, (T, R, C), np.float64)
-        write_records(archive, f"doubt{suffix}", doubts, (T, C), np.float64)
-
-
-def load_evidence(path: Path) -> StoredEvidence:
+def load_evidence(path: Path, *, authenticated: bool = True) -> StoredEvidence:
     """Read evidence from a file.
+
+    Parameters
+    ----------
+    authenticated : bool
+        Whether to ask for the seal of the local secret. Without, anybody may have written what
+        is read, and no verdict can rest on it.
 
     Raises
     ------
     InputError
-        If it cannot be read, or is no evidence of this format.
+        If it cannot be read, is not authentic, or is no evidence of this format.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            if header["format"] != FORMAT:
-                raise InputError(f"is not of the format {FORMAT}", source=path)
-            spool: Spool[FrameEvidence] = Spool()
-            return StoredEvidence(
-                files=tuple((str(name), str(digest)) for name, digest in header["files"]),
-                recipes=list(header["recipes"]),
-                frames=header["frames"],
-                items=tuple(_item(file, i, item, spool) for i, item in enumerate(header["items"])),
-                notes=tuple(header["notes"]),
-            )
-    except OSError as error:
-        raise InputError(f"cannot read the evidence: {error.strerror}", source=path) from None
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        EOFError,
-        RuntimeError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ):
-        raise InputError("is not an evidence file of meshmark's", source=path) from None
+    with unsealed(path, KIND, authenticated=authenticated) as content:
+        try:
+            return _parsed(content, trusted=authenticated)
+        except (ValueError, EOFError, OSError, zlib.error):
+            raise InputError("is not an evidence file of meshmark's", source=path) from None
 
 
-def _item(
-    file: NpzFile, i: int, described: dict[str, Any], spool: Spool[FrameEvidence]
-) -> Evidence:
-    n_words = int(described["n_words"])
-    strands = tuple(
-        _strand(file, f"{i}.{j}", strand, n_words, spool)
-        for j, strand in enumerate(described["strands"])
-    )
-    times = file[f"times{i}"].astype(np.float64)
-    if not strands or any(times.shape != (strand.shape[0],) for strand in strands):
-        raise ValueError("shapes")
+def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
+    size = content.seek(0, 2)
+    content.seek(0)
+    with gzip.GzipFile(fileobj=content, mode="rb") as stream:
+        (length,) = _LENGTH.unpack(_read(stream, _LENGTH.size))
+        if length > LONGEST:
+            raise ValueError("header")
+        header = parse_header(_read(stream, length).decode())
+        if not trusted and header.n_bytes > EXPANSION * size:
+            raise ValueError("size")
+        spool: Spool[FrameEvidence] = Spool()
+        items = tuple(_item(stream, item, spool) for item in header.items)
+        # The end is where checksums are compared.
+        if stream.read(1):
+            raise ValueError("too long")
+    return StoredEvidence(header.files, header.recipes, header.frames, items, header.notes)
+
+
+def _item(stream: gzip.GzipFile, header: ItemHeader, spool: Spool[FrameEvidence]) -> Evidence:
+    times = _array(stream, (header.n_frames,), _REAL)
+    # A single file without a clock has no time, which is NaN.
+    _require(not np.isinf(times).any(), "times")
+    strands = tuple(_strand(stream, header, strand, spool) for strand in header.strands)
+    # Belief beyond 1 would make any key look right.
+    belief = sum(float(np.exp(strand.belief).sum()) for strand in strands)
+    _require(belief <= 1.0 + _ROUNDING, "belief")
     return Evidence(
-        prim=str(described["prim"]),
-        scheme=str(described["scheme"]),
-        n_words=n_words,
+        prim=header.prim,
+        scheme=header.scheme,
+        n_words=header.n_words,
         times=times,
         strands=strands,
-        tracked=bool(described["tracked"]),
-        decisive=_checked_decisive(described.get("decisive", 0.0)),
+        tracked=header.tracked,
+        decisive=header.decisive,
     )
 
 
 def _strand(
-    file: NpzFile,
-    suffix: str,
-    described: dict[str, Any],
-    n_words: int,
-    spool: Spool[FrameEvidence],
+    stream: gzip.GzipFile, item: ItemHeader, header: StrandHeader, spool: Spool[FrameEvidence]
 ) -> Strand:
-    # Older files do not say so.
-    placed = described.get("placed", f"place{suffix}" in file)
-    numbers = [spool.add(frame) for frame in _frames(file, suffix, placed, n_words)]
-    if not numbers:
-        raise ValueError("no frame")
-    strand = Strand(
-        restored=int(described["restored"]),
-        log_belief=float(described["log_belief"]),
-        log_prior=file[f"prior{suffix}"].astype(np.float64),
+    log_prior = _array(stream, header.shape[:1], _REAL)
+    _require(np.isfinite(log_prior).all(), "prior")
+    _require(np.all(log_prior <= _ROUNDING), "prior")
+    numbers = [spool.add(_frame(stream, item, header)) for _ in range(item.n_frames)]
+    return Strand(
+        restored=header.restored,
+        log_belief=header.log_belief,
+        log_prior=log_prior,
         frames=Made(lambda t: spool[numbers[t]], len(numbers)),
     )
-    if strand.log_prior.shape != (strand.shape[1],):
-        raise ValueError("shapes")
-    # Belief beyond 1 would make any key look right.
-    if not np.exp(strand.belief).sum() <= 1.0 + 1e-9:
-        raise ValueError("belief")
-    return strand
 
 
-def _frames(file: NpzFile, suffix: str, placed: bool, n_words: int) -> Iterator[FrameEvidence]:
-    """Read the frames of a strand, one at a time."""
-    archive = file.zip
-    assert archive is not None
-    steps = read_records(archive, f"steps{suffix}", np.int8)
-    if not placed:
-        for record in steps:
-            yield _checked(FrameEvidence(record), n_words)
-        return
-    places = read_records(archive, f"place{suffix}", np.float64)
-    doubts = read_records(archive, f"doubt{suffix}", np.float64)
-    for record, place, doubt in zip(steps, places, doubts, strict=True):
-        yield _checked(FrameEvidence(record, Placement(place, doubt)), n_words)
+def _frame(stream: gzip.GzipFile, item: ItemHeader, header: StrandHeader) -> FrameEvidence:
+    R, C, K = header.shape
+    steps = _array(stream, (R, C, K), _STEP)
+    _require(steps.min() >= -STEPS, "steps")
+    if not header.placed:
+        return FrameEvidence(steps)
+    place, doubt = _array(stream, (R, C), _REAL), _array(stream, (C,), _REAL)
+    known = place[~np.isnan(place)]
+    _require(np.all((known >= 0.0) & (known <= item.n_words - 1)), "place")
+    _require(np.all((doubt > 0.0) & (doubt <= 1.0)), "doubt")
+    return FrameEvidence(steps, Placement(place, doubt))
 
 
-def _checked(frame: FrameEvidence, n_words: int) -> FrameEvidence:
-    R, C, _ = frame.steps.shape
-    placement = frame.placement
-    if placement is None:
-        return frame
-    if (placement.place.shape, placement.doubt.shape) != ((R, C), (C,)):
-        raise ValueError("shapes")
-    if not np.all((placement.doubt > 0.0) & (placement.doubt <= 1.0)):
-        raise ValueError("doubt")
-    place = placement.place[~np.isnan(placement.place)]
-    if n_words < WINDOW or not np.all((place >= 0.0) & (place <= n_words - 1)):
-        raise ValueError("place")
-    return frame
+def _array(stream: gzip.GzipFile, shape: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
+    size = int(np.prod(shape)) * kind.itemsize
+    return np.frombuffer(_read(stream, size), kind).reshape(shape)
 
 
-def _checked_decisive(value: Any) -> float:
-    decisive = float(value)
-    if not 0.0 <= decisive < 1.0:
-        raise ValueError("decisive")
-    return decisive
+def _read(stream: gzip.GzipFile, size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) != size:
+        raise ValueError("cut short")
+    return data
+
+
+def _require(holds: bool | np.bool_, what: str) -> None:
+    if not holds:
+        raise ValueError(what)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from meshmark.animation import Asset
-from meshmark.errors import UsageError
+from meshmark.errors import InputError, UsageError
 from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
@@ -23,6 +23,7 @@ def kept_evidence(
     *,
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
+    authenticated: bool = True,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> AssetEvidence:
@@ -38,38 +39,57 @@ def kept_evidence(
         Schemes with their parameters; all there are, with their defaults, where empty.
     frames : str, optional
         Range A:B[:S] of time codes; all by default, and for "auto".
+    authenticated : bool
+        Whether the file must bear the seal of the local secret. Without, it must exist, and no
+        verdict rests on it.
 
     Raises
     ------
     UsageError
         If the file holds evidence of another source, or of other schemes or frames.
     InputError
-        If the source or the file cannot be read.
+        If the source or the file cannot be read, if the file is not authentic, or if the source
+        changed while it was measured.
     """
     start = time.perf_counter()
     tried = tuple(recipes) or all_schemes()
+    # What was read before its files were looked at could be older than they are.
+    files = [path.resolve() for path in source_files(read(source))]
+    states = _states(files)
     asset = read(source)
     wanted = StoredEvidence(
-        files=_digests(asset),
+        files=_digests(files, asset),
         recipes=[recipe.as_json() for recipe in tried],
         frames=None if frames in ("auto", ":") else frames,
         items=(),
         notes=(),
     )
-    if path.exists():
-        stored = load_evidence(path)
+    if path.exists() or not authenticated:
+        stored = load_evidence(path, authenticated=authenticated)
         _require_same(stored, wanted, source, path)
         elapsed = time.perf_counter() - start
-        return AssetEvidence(source, stored.items, len(stored.recipes), stored.notes, elapsed)
+        return AssetEvidence(
+            source, stored.items, len(stored.recipes), stored.notes, elapsed, authenticated
+        )
     found = gather(asset, recipes=tried, frames=frames, jobs=jobs, progress=progress)
+    if _states(files) != states:
+        raise InputError("changed while it was measured; measure it again", source=source)
     save_evidence(
         StoredEvidence(wanted.files, wanted.recipes, wanted.frames, found.items, found.notes), path
     )
     return found
 
 
-def _digests(asset: Asset) -> tuple[tuple[str, str], ...]:
-    files = [path.resolve() for path in source_files(asset)]
+def _states(files: Sequence[Path]) -> list[tuple[int, ...]]:
+    """Tell files from what they were: whatever is written or exchanged gets another time."""
+    try:
+        states = [file.stat() for file in files]
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=error.filename) from None
+    return [(s.st_ino, s.st_size, s.st_mtime_ns, s.st_ctime_ns) for s in states]
+
+
+def _digests(files: list[Path], asset: Asset) -> tuple[tuple[str, str], ...]:
     hashes = file_hashes(files, Path(asset.source).resolve().parent)
     return tuple((item["file"], item["sha256"]) for item in hashes)
 

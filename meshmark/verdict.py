@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -70,6 +70,8 @@ class Verdict:
         Mesh by mesh.
     notes : tuple of str
         What could not be looked at, and why.
+    unauthenticated : Verdict or None
+        What evidence says that anybody may have written, if there is no other.
     """
 
     source: str
@@ -79,10 +81,12 @@ class Verdict:
     elapsed_s: float
     prims: tuple[PrimVerdict, ...]
     notes: tuple[str, ...] = ()
+    unauthenticated: Verdict | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this source in `verify --json`."""
-        return {
+        said = self.unauthenticated
+        entry = {
             "source": self.source,
             "verdict": self.verdict,
             "log10_p": self.log10_p,
@@ -90,6 +94,7 @@ class Verdict:
             "elapsed_s": round(self.elapsed_s, 3),
             "prims": [prim.as_json() for prim in self.prims],
         }
+        return entry if said is None else {**entry, "unauthenticated": said.as_json()}
 
 
 def decide(
@@ -145,6 +150,18 @@ def decide(
     answer = _answer(log10_p, float(reachable), float(np.log10(fpr)))
     recipient = best.recipient if answer == "marked" else None
     return Verdict(source, answer, log10_p, recipient, elapsed_s, prims, tuple(notes))
+
+
+def without_weight(verdict: Verdict) -> Verdict:
+    """Turn a verdict on evidence that anybody may have written into none."""
+    whose = f", copy of {verdict.recipient}" if verdict.recipient else ""
+    note = (
+        "the evidence is unauthenticated, not for verdicts: "
+        f"it says {verdict.verdict}{whose}, log10 p {verdict.log10_p:.2f}"
+    )
+    notes = (*verdict.notes, note)
+    nothing = Verdict(verdict.source, "inconclusive", 0.0, None, verdict.elapsed_s, (), notes)
+    return replace(nothing, unauthenticated=verdict)
 
 
 def _decide_prim(

@@ -21,7 +21,7 @@ from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe
 from meshmark.timeline import AUTO, frames_in
 from meshmark.validation import check
-from meshmark.verdict import Verdict, decide
+from meshmark.verdict import Verdict, decide, without_weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,8 @@ class AssetEvidence:
         What was not measured, and why.
     elapsed_s : float
         Seconds spent measuring.
+    authenticated : bool
+        Whether it is known where it was measured; no verdict rests on other evidence.
     """
 
     source: str
@@ -47,6 +49,7 @@ class AssetEvidence:
     n_schemes: int
     notes: tuple[str, ...]
     elapsed_s: float
+    authenticated: bool = True
 
 
 def all_schemes() -> tuple[Recipe, ...]:
@@ -293,4 +296,5 @@ def judge_all(
         notes=evidence.notes,
     )
     elapsed = evidence.elapsed_s + time.perf_counter() - start
-    return replace(verdict, elapsed_s=elapsed)
+    verdict = replace(verdict, elapsed_s=elapsed)
+    return verdict if evidence.authenticated else without_weight(verdict)

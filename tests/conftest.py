@@ -23,6 +23,12 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 collect_ignore = ["third_party_segmenter"]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def evidence_secret(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep the tests' evidence apart from the user's."""
+    os.environ["MESHMARK_EVIDENCE_SECRET"] = str(tmp_path_factory.mktemp("secret") / "secret")
+
+
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """Folder of the reference assets, which are not part of the repository."""

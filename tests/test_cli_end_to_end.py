@@ -279,8 +279,27 @@ def test_broken_evidence_is_refused(run, studio) -> None:
     (studio / "broken").write_bytes(b"PK not at all")
     code, _, err = run(*asked)
     assert code == 3
-    assert "is not an evidence file" in err
+    assert "older version" in err
     assert "Traceback" not in err
+
+
+def test_evidence_of_another_machine_is_for_information_only(run, studio, monkeypatch) -> None:
+    asked = ("verify", "marked.usda", "--key", "k", "--scheme", "apex", "--evidence", "theirs")
+    assert run(*asked)[0] == 0
+    monkeypatch.setenv("MESHMARK_EVIDENCE_SECRET", str(studio / "secret"))
+    (studio / "secret").write_text("meshmark-evidence-secret-1\n" + "0" * 64 + "\n")
+    code, _, err = run(*asked)
+    assert code == 3
+    assert "not authentic" in err
+    code, out, err = run(*asked, "--unauthenticated-evidence", "--json")
+    assert code == 4
+    assert "unauthenticated, not for verdicts: it says marked" in err
+    document = json.loads(out)
+    validate(document, "verdict")
+    [asset] = document["assets"]
+    assert (asset["verdict"], asset["log10_p"], asset["prims"]) == ("inconclusive", 0.0, [])
+    assert asset["unauthenticated"]["verdict"] == "marked"
+    assert run("verify", "marked.usda", "--key", "k", "--unauthenticated-evidence")[0] == 2
 
 
 def test_recipients_come_from_a_file(run, studio) -> None:

@@ -63,6 +63,13 @@ def verify(
             help="Read what was measured before from FILE, or measure all frames and write it.",
         ),
     ] = None,
+    unauthenticated: Annotated[
+        bool,
+        typer.Option(
+            "--unauthenticated-evidence",
+            help="Tell what FILE says though it may be forged, and answer inconclusive.",
+        ),
+    ] = False,
     fpr: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
     ] = 1e-6,
@@ -75,11 +82,14 @@ def verify(
         raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
     if evidence is not None and len(sources) > 1:
         raise UsageError("--evidence holds that of one SOURCE")
+    if unauthenticated and evidence is None:
+        raise UsageError("--unauthenticated-evidence needs --evidence")
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
         recipients=_names(recipient),
         frames=frames,
         evidence=evidence,
+        authenticated=not unauthenticated,
         fpr=fpr,
     )
     secret = load_key(key)
@@ -133,6 +143,7 @@ class Request:
     recipients: Sequence[str]
     frames: str
     evidence: Path | None
+    authenticated: bool
     fpr: float
 
 
@@ -176,6 +187,7 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
                 request.evidence,
                 recipes=request.recipes,
                 frames=request.frames,
+                authenticated=request.authenticated,
                 jobs=default_jobs(),
                 progress=tell,
             )

@@ -1,0 +1,243 @@
+"""What an evidence file says of itself: parsed before any array is, and bounded in all it claims.
+
+A file that is not authentic may say anything. Whatever is refused here raises `ValueError`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn, TypeVar
+
+from meshmark.evidence import Evidence
+from meshmark.placement import WINDOW
+
+Thing = TypeVar("Thing")
+
+# Bytes of the header.
+LONGEST = 1 << 24
+# Characters of a name or note, and how many of one kind there may be.
+TEXT, MANY = 1 << 12, 1 << 16
+STRANDS, FRAMES = 1 << 8, 1 << 20
+# Readings, carriers and chips of a frame, and bytes of its evidence.
+SHAPE, FRAME_BYTES = (1 << 16, 1 << 12, 1 << 12), 1 << 26
+# Words where carriers' shapes tell roughly which, and where any may be: all subsets are summed.
+PLACED_WORDS, FREE_WORDS = 1 << 12, 16
+RESTORED = 1 << 16
+# Evidence hardly compresses: a stranger's that claims so many times its size would fill a disk.
+EXPANSION = 64
+
+
+@dataclass(frozen=True)
+class StrandHeader:
+    """A strand but for its arrays: see `Strand`; `placed` if carriers' shapes tell their words."""
+
+    restored: int
+    log_belief: float
+    shape: tuple[int, int, int]
+    placed: bool
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of one frame's arrays."""
+        R, C, K = self.shape
+        return R * C * K + (8 * (R * C + C) if self.placed else 0)
+
+
+@dataclass(frozen=True)
+class ItemHeader:
+    """Evidence of a mesh but for its arrays: see `Evidence`."""
+
+    prim: str
+    scheme: str
+    n_words: int
+    n_frames: int
+    tracked: bool
+    decisive: float
+    strands: tuple[StrandHeader, ...]
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes of all arrays."""
+        strands = (8 * s.shape[0] + self.n_frames * s.frame_bytes for s in self.strands)
+        return 8 * self.n_frames + sum(strands)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header of an evidence file: see `StoredEvidence`."""
+
+    files: tuple[tuple[str, str], ...]
+    recipes: tuple[dict[str, Any], ...]
+    frames: str | None
+    notes: tuple[str, ...]
+    items: tuple[ItemHeader, ...]
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(item.n_bytes for item in self.items)
+
+
+def header_text(
+    files: Sequence[tuple[str, str]],
+    recipes: Sequence[Any],
+    frames: str | None,
+    notes: Sequence[str],
+    items: Sequence[Evidence],
+) -> str:
+    """Return the header of an evidence file as JSON."""
+    document = {
+        "files": [list(pair) for pair in files],
+        "recipes": list(recipes),
+        "frames": frames,
+        "notes": list(notes),
+        "items": [_described(item) for item in items],
+    }
+    return json.dumps(document, allow_nan=False)
+
+
+def _described(item: Evidence) -> dict[str, Any]:
+    return {
+        "prim": item.prim,
+        "scheme": item.scheme,
+        "n_words": item.n_words,
+        "n_frames": len(item.times),
+        "tracked": item.tracked,
+        "decisive": item.decisive,
+        "strands": [
+            {
+                "restored": strand.restored,
+                "log_belief": strand.log_belief,
+                "shape": list(strand.shape[1:]),
+                "placed": strand.placements is not None,
+            }
+            for strand in item.strands
+        ],
+    }
+
+
+def parse_header(text: str) -> Header:
+    """Parse the header of an evidence file.
+
+    Raises
+    ------
+    ValueError
+        If anything in it is of another type, out of bounds, missing or too much.
+    """
+    try:
+        document = json.loads(text, parse_constant=_refuse)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    files, recipes, frames, notes, items = _values(
+        document, "files", "recipes", "frames", "notes", "items"
+    )
+    known = _several(recipes, _recipe)
+    header = Header(
+        files=_several(files, _file),
+        recipes=known,
+        frames=None if frames is None else _text(frames),
+        notes=_several(notes, _text),
+        items=_several(items, _item),
+    )
+    schemes = {recipe["scheme"]["name"] for recipe in known}
+    if not all(item.scheme in schemes for item in header.items):
+        raise ValueError("scheme")
+    return header
+
+
+def _item(value: Any) -> ItemHeader:
+    prim, scheme, n_words, n_frames, tracked, decisive, strands = _values(
+        value, "prim", "scheme", "n_words", "n_frames", "tracked", "decisive", "strands"
+    )
+    item = ItemHeader(
+        prim=_text(prim),
+        scheme=_text(scheme),
+        n_words=_whole(n_words, 1, PLACED_WORDS),
+        n_frames=_whole(n_frames, 1, FRAMES),
+        tracked=_flag(tracked),
+        decisive=_number(decisive, 0.0, 1.0),
+        strands=_several(strands, _strand, STRANDS),
+    )
+    if not item.strands or item.decisive == 1.0:
+        raise ValueError("item")
+    # Strands differ in how much they show, never in what a word is.
+    if len({(s.shape[2], s.placed) for s in item.strands}) != 1:
+        raise ValueError("strands")
+    if not (item.n_words >= WINDOW if item.strands[0].placed else item.n_words <= FREE_WORDS):
+        raise ValueError("words")
+    return item
+
+
+def _strand(value: Any) -> StrandHeader:
+    restored, log_belief, shape, placed = _values(
+        value, "restored", "log_belief", "shape", "placed"
+    )
+    if not isinstance(shape, list) or len(shape) != len(SHAPE):
+        raise ValueError("shape")
+    R, C, K = (_whole(size, 1, most) for size, most in zip(shape, SHAPE, strict=True))
+    strand = StrandHeader(
+        _whole(restored, 0, RESTORED), _number(log_belief, -1e3, 0.0), (R, C, K), _flag(placed)
+    )
+    if strand.frame_bytes > FRAME_BYTES:
+        raise ValueError("frame")
+    return strand
+
+
+def _file(value: Any) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError("file")
+    return _text(value[0]), _text(value[1])
+
+
+def _recipe(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict) or not isinstance(value.get("scheme"), dict):
+        raise ValueError("recipe")
+    _text(value["scheme"].get("name"))
+    return value
+
+
+def _values(value: Any, *names: str) -> list[Any]:
+    if not isinstance(value, dict) or value.keys() != set(names):
+        raise ValueError("names")
+    return [value[name] for name in names]
+
+
+def _several(value: Any, parse: Callable[[Any], Thing], most: int = MANY) -> tuple[Thing, ...]:
+    if not isinstance(value, list) or len(value) > most:
+        raise ValueError("list")
+    return tuple(map(parse, value))
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or len(value) > TEXT:
+        raise ValueError("text")
+    # Half of a character pair is no text.
+    value.encode()
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError("flag")
+    return value
+
+
+def _whole(value: Any, low: int, high: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError("whole number")
+    return value
+
+
+def _number(value: Any, low: float, high: float) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise ValueError("number")
+    if not math.isfinite(value) or not low <= value <= high:
+        raise ValueError("number")
+    return float(value)
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(constant)

@@ -1,0 +1,194 @@
+"""Sealed files: what anybody but the holder of a local secret wrote or altered is refused.
+
+The seal is HMAC-SHA256 [1]_ over every byte of the file. The secret behind it has nothing to do
+with keys: what it vouches for is where a measurement was made, whatever key is tried on it.
+
+References
+----------
+.. [1] H. Krawczyk, M. Bellare, R. Canetti, "HMAC: Keyed-Hashing for Message Authentication",
+   RFC 2104, 1997. https://doi.org/10.17487/RFC2104
+"""
+
+from __future__ import annotations
+
+import hmac
+import os
+import re
+import secrets
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+import platformdirs
+
+from meshmark.errors import InputError, OutputError
+from meshmark.manifest import written_beside
+from meshmark.scratch import no_room
+
+SECRET_VARIABLE = "MESHMARK_EVIDENCE_SECRET"
+SECRET_BYTES = 32
+_HEADER = "meshmark-evidence-secret-1"
+_TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * SECRET_BYTES}}})\s*")
+
+_DIGEST = "sha256"
+_SEAL_BYTES = 32
+# Bytes of a file held at once.
+_CHUNK = 1 << 20
+# A copy that small stays in memory.
+_ROOM = 1 << 22
+
+
+def secret_path() -> Path:
+    """Return where the local secret is, or will be: as the environment says, or by default.
+
+    The default is `evidence.secret` in the user's configuration folder for meshmark.
+    """
+    named = os.environ.get(SECRET_VARIABLE)
+    return Path(named) if named else platformdirs.user_config_path("meshmark") / "evidence.secret"
+
+
+@contextmanager
+def sealed(path: Path, kind: bytes) -> Iterator[Sealing]:
+    """Open a file to write to, which is sealed and put in place when the block is left.
+
+    The local secret is made if there is none. What is given can be written to, not sought in.
+
+    Parameters
+    ----------
+    path : Path
+        The file; replaced if it exists.
+    kind : bytes
+        What the file begins with, and is recognised by.
+
+    Raises
+    ------
+    OutputError
+        If the file or the secret cannot be written; nothing half-written is left.
+    InputError
+        If the secret cannot be read.
+    """
+    mac = hmac.new(_secret(make=True), kind, _DIGEST)
+    with written_beside(path) as file:
+        file.write(kind + bytes(_SEAL_BYTES))
+        yield Sealing(file, mac)
+        file.seek(len(kind))
+        file.write(mac.digest())
+
+
+class Sealing:
+    """A file that can be written to, and whose seal grows with it."""
+
+    def __init__(self, file: IO[bytes], mac: hmac.HMAC) -> None:
+        self._file, self._mac = file, mac
+
+    def write(self, data: bytes) -> int:
+        """Write the next bytes."""
+        self._mac.update(data)
+        return self._file.write(data)
+
+    def flush(self) -> None:
+        """Leave nothing waiting to be written."""
+        self._file.flush()
+
+
+@contextmanager
+def unsealed(path: Path, kind: bytes, *, authenticated: bool = True) -> Iterator[IO[bytes]]:
+    """Open what a sealed file holds, once its seal is found whole.
+
+    It is read once, into a temporary file: nobody can exchange it behind the check.
+
+    Parameters
+    ----------
+    authenticated : bool
+        Whether to ask for the seal. Without, anybody may have written what is read.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is of another kind, or its seal is not the secret's.
+    OutputError
+        If there is no room for temporary files.
+    """
+    with tempfile.SpooledTemporaryFile(max_size=_ROOM) as copy:
+        with _opened(path) as file:
+            if file.read(len(kind)) != kind:
+                raise InputError(
+                    f"does not begin as {kind.decode().strip()}: it is of an older version, whose "
+                    "files were not authenticated, or of somebody else's; measure it again",
+                    source=path,
+                )
+            mac = hmac.new(_secret() if authenticated else b"", kind, _DIGEST)
+            seal = file.read(_SEAL_BYTES)
+            while data := file.read(_CHUNK):
+                mac.update(data)
+                _keep(copy, data)
+        if authenticated and not hmac.compare_digest(seal, mac.digest()):
+            raise InputError(
+                "is not authentic: it was altered, or measured under another secret than that in "
+                f"{secret_path()}; measure it again",
+                source=path,
+            )
+        copy.seek(0)
+        yield copy
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    if path.exists() and not path.is_file():
+        raise InputError("is not a file", source=path)
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+
+
+def _keep(copy: IO[bytes], data: bytes) -> None:
+    try:
+        copy.write(data)
+    except OSError as error:
+        raise OutputError(no_room(error)) from None
+
+
+def _secret(*, make: bool = False) -> bytes:
+    path = secret_path()
+    if make and not path.exists():
+        _make_secret(path)
+    try:
+        text = path.read_text(encoding="ascii")
+    except FileNotFoundError:
+        raise InputError(
+            f"there is no secret that evidence could be authentic by; {SECRET_VARIABLE} says "
+            "where it is",
+            source=path,
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError("is not a secret of meshmark's", source=path) from None
+    except OSError as error:
+        raise InputError(f"cannot read the secret: {error.strerror}", source=path) from None
+    match = _TEXT.fullmatch(text)
+    if match is None:
+        raise InputError("is not a secret of meshmark's", source=path)
+    return bytes.fromhex(match.group(1))
+
+
+def _make_secret(path: Path) -> None:
+    """Write a new secret, readable by its owner only; one that is there by then stays."""
+    text = f"{_HEADER}\n{secrets.token_hex(SECRET_BYTES)}\n"
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # Made beside and linked: of two that are made at once, one is seen, and seen whole.
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=".", suffix=".tmp") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+            with suppress(FileExistsError):
+                os.link(file.name, path)
+    except OSError as error:
+        raise OutputError(
+            f"cannot make the secret that evidence is sealed with: {error.strerror}; "
+            f"{SECRET_VARIABLE} says where it is to be",
+            source=path,
+        ) from None
