@@ -49,10 +49,12 @@ class Topology:
             raise InputError("the mesh has no faces")
         if self.counts.min() < 3:
             raise InputError("the mesh has a face with fewer than three corners")
-        if int(self.counts.sum()) != self.indices.size:
+        # One by one first: the sum of numbers out of a file may overflow.
+        largest = int(self.counts.max())
+        corners = largest if largest > self.indices.size else int(self.counts.sum())
+        if corners != self.indices.size:
             raise InputError(
-                f"face counts ask for {int(self.counts.sum())} corners, "
-                f"but {self.indices.size} indices are given"
+                f"face counts ask for {corners} corners, but {self.indices.size} indices are given"
             )
         low, high = int(self.indices.min()), int(self.indices.max())
         if low < 0 or high >= self.n_points:
@@ -176,6 +178,9 @@ class MeshAnimation:
         What a person should know about how it was read (for instance: skinned, rest pose).
     in_place : bool
         Whether its points can be replaced where they stand; not so inside a USD instance.
+    dtype : str
+        Type of the source's coordinates: "float16", "float32" or "float64". Frames are
+        float64 whatever it is; a copy is written in it.
     """
 
     times: FloatArray
@@ -185,6 +190,7 @@ class MeshAnimation:
     origin: str = ""
     notes: tuple[str, ...] = ()
     in_place: bool = True
+    dtype: str = "float32"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", np.asarray(self.times, dtype=np.float64))

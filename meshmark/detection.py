@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.animation import Frame, MeshAnimation
+from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError
 from meshmark.evidence import Evidence
@@ -66,7 +67,10 @@ class Observer:
         scheme = self.scheme
         if self.welding is None or isinstance(scheme, JointScheme):
             return {}
-        return {n: scheme.layout(self.welding.frame(unsmooth(frame, n))) for n in self.restorations}
+        with breakdown_means_no_capacity():
+            return {
+                n: scheme.layout(self.welding.frame(unsmooth(frame, n))) for n in self.restorations
+            }
 
     @cached_property
     def references(self) -> dict[int, Frame]:
@@ -83,16 +87,15 @@ class Observer:
 
     def _sight(self, frame: Frame, restored: int) -> Sighting | None:
         scheme = self.scheme
-        if self.welding is not None and not isinstance(scheme, JointScheme):
-            layout = self.layouts[restored]
-            analysed = self.welding.frame(frame)
-            return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
+        # What they lack, all frames lack.
+        layouts = self.layouts
         try:
-            analysed = (self.welding or Welding.of(frame)).frame(frame)
-            if isinstance(scheme, JointScheme):
-                return scheme.sight(analysed, self.references.get(restored))
-            layout = scheme.layout(analysed)
-            return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
+            with breakdown_means_no_capacity():
+                analysed = (self.welding or Welding.of(frame)).frame(frame)
+                if isinstance(scheme, JointScheme):
+                    return scheme.sight(analysed, self.references.get(restored))
+                layout = layouts[restored] if layouts else scheme.layout(analysed)
+                return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
         except CapacityError:
             return None
 

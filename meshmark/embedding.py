@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from meshmark.animation import Frame, MeshAnimation
+from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
 from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
@@ -140,13 +141,13 @@ def embed_animation(
     scratch = ScratchFile.create(len(animation), animation[chosen[0]].topology.n_points)
     try:
         work: MarkFrame | MarkPlanned
-        if isinstance(scheme, JointScheme):
-            work = plan_jointly(animation.select(chosen), scheme, words, jobs)
-        else:
-            generator = key.generator(f"embed/{scheme_name}")
-            work = MarkFrame(
-                animation.select(chosen), settle(animation[chosen[0]], scheme, words, generator)
-            )
+        with breakdown_means_no_capacity():
+            if isinstance(scheme, JointScheme):
+                work = plan_jointly(animation.select(chosen), scheme, words, jobs)
+            else:
+                generator = key.generator(f"embed/{scheme_name}")
+                plan = settle(animation[chosen[0]], scheme, words, generator)
+                work = MarkFrame(animation.select(chosen), plan)
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
     displacements = ordered_map(work, range(len(chosen)), jobs=jobs)
@@ -191,7 +192,8 @@ class MarkPlanned:
 def _naming(animation: MeshAnimation, index: int) -> Iterator[None]:
     """Name file, prim and frame in whatever goes wrong with a frame."""
     try:
-        yield
+        with breakdown_means_no_capacity():
+            yield
     except MeshmarkError as error:
         raise type(error)(
             error.message,

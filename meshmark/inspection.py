@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from meshmark.animation import Asset, Frame, MeshAnimation
+from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError
 from meshmark.interfaces import JointScheme
@@ -58,12 +59,14 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         "reachable_log10_p": 0.0,
     }
     try:
-        entry["parts"] = count_parts(first, recipe)
+        with breakdown_means_no_capacity():
+            entry["parts"] = count_parts(first, recipe)
         if not animation.constant_topology:
             raise InputError("the connectivity changes over time")
         scheme = recipe.build()
         if isinstance(scheme, JointScheme):
-            scheme.require_capacity(animation.map(Welding.of(first).frame), jobs=1)
+            with breakdown_means_no_capacity():
+                scheme.require_capacity(animation.map(Welding.of(first).frame), jobs=1)
         evidence = extract(animation, scheme, recipe.scheme, frames=(0,))
     except (CapacityError, InputError) as error:
         return {**entry, "reason": error.message}

@@ -1,6 +1,8 @@
-"""The look every public door takes at the two arrays of a triangle mesh."""
+"""The look every public door takes at the arrays of a mesh."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +11,9 @@ from meshmark.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# What single precision can hold: far beyond, squares and products overflow even in double.
+FARTHEST = np.finfo(np.float32).max
 
 
 def mesh_arrays(V: ArrayLike, F: ArrayLike) -> tuple[FloatArray, IntArray]:
@@ -43,9 +48,7 @@ def mesh_arrays(V: ArrayLike, F: ArrayLike) -> tuple[FloatArray, IntArray]:
         raise InputError(f"points must be real numbers, not {points.dtype}")
     if len(faces) == 0:
         raise InputError("the mesh has no faces")
-    unfit = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(unfit):
-        raise InputError(f"point {unfit[0]} is not finite: {points[unfit[0]].tolist()}")
+    require_measurable(points)
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(points):
         raise InputError(
@@ -55,3 +58,26 @@ def mesh_arrays(V: ArrayLike, F: ArrayLike) -> tuple[FloatArray, IntArray]:
         np.ascontiguousarray(points, dtype=np.float64),
         np.ascontiguousarray(faces, dtype=np.int64),
     )
+
+
+def measurable(points: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell of which points (N, 3) distances can be computed, (N,) bool."""
+    # False for what is not a number, too.
+    fit: NDArray[np.bool_] = (np.abs(points) <= FARTHEST).all(axis=1)
+    return fit
+
+
+def require_measurable(points: NDArray[Any]) -> None:
+    """Refuse points (N, 3) of which no distance can be computed.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or beyond what single precision can hold.
+    """
+    unfit = np.flatnonzero(~measurable(points))
+    if len(unfit):
+        first = points[unfit[0]]
+        finite = np.isfinite(first).all()
+        what = "too far from the origin to compute with" if finite else "not finite"
+        raise InputError(f"point {unfit[0]} is {what}: {first.tolist()}")

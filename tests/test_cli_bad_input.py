@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from meshmark.animation import Asset, MeshAnimation
 from meshmark.cli import main
+from meshmark.errors import CapacityError
 from meshmark.keys import Key
+from meshmark.testing.attacks import sphere
+from meshmark_plugins.readers.obj_write import write_new
 
 HEADER = '#usda 1.0\n(\n    defaultPrim = "A"\n)\n'
 QUAD = "int[] faceVertexCounts = [4]\n    int[] faceVertexIndices = [0, 1, 2, 3]\n"
@@ -210,3 +215,30 @@ def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
     assert "nothing sticks out" in prim["reason"]
     assert_refused(run("embed", "ball.usdc", "-o", "o.usda", "--key", "k"), 3, "/Ball")
     assert not (tmp_path / "o.usda").exists()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("number", "size"), [(1, 1e17), (2, 1e17), (5, 1e17), (8, 1e38)])
+@pytest.mark.parametrize("scheme", ["apex", "tsai2014", "cho2007"])
+def test_a_few_points_far_off_are_no_bug(run, scheme, number, size) -> None:
+    # As flipped bits make them; the segmenter's equations over such faces have no solution.
+    V, F = sphere(162)
+    V[np.linspace(3, 150, number).astype(int)] *= size
+    write_new(Asset("x", (MeshAnimation.from_arrays(V, F),), "none"), Path("spikes.obj"))
+    code, _, err = run("inspect", "spikes.obj", "--scheme", scheme)
+    assert code in (0, 1), err
+    code, _, err = run("verify", "spikes.obj", "--scheme", scheme, "--key", "k")
+    assert code in (1, 4), err
+
+
+def test_only_numerical_breakdowns_are_taken_for_lack_of_capacity() -> None:
+    from meshmark.breakdown import breakdown_means_no_capacity
+
+    for error in (
+        RuntimeError("Factor is exactly singular"),
+        np.linalg.LinAlgError("SVD did not converge"),
+    ):
+        with pytest.raises(CapacityError, match=str(error)), breakdown_means_no_capacity():
+            raise error
+    with pytest.raises(RuntimeError, match="a bug"), breakdown_means_no_capacity():
+        raise RuntimeError("a bug")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshmark.errors import InputError, UsageError
+from meshmark.errors import CapacityError, InputError, UsageError
 from meshmark.testing.geodesics import GeodesicSolverSuite
 from meshmark.testing.meshes import cylinder, icosphere, plane, side_by_side, torus
 from meshmark_plugins.geodesics import meshmark_geodesic_solvers
@@ -157,7 +157,7 @@ def test_exact_accepts_manifolds_with_and_without_borders(mesh):
 
 def test_heat_says_that_a_mesh_shrunk_to_a_point_cannot_be_solved():
     _, F = plane(3)
-    with pytest.raises(InputError, match="heat method cannot"):
+    with pytest.raises(CapacityError, match="heat method cannot"):
         HeatSolver(np.zeros((9, 3)), F).distances([0])
 
 

@@ -248,3 +248,43 @@ def test_the_horse_equals_its_stage(data_folder):
     for frame in mesh:
         points = np.array(geometry.GetPointsAttr().Get(frame.time), dtype=np.float32)
         np.testing.assert_array_equal(frame.points.astype(np.float32), points)
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("f 1 2 /3", "/3"),
+        ("f 1 2 3 /", "/"),
+        ("f / / /", "/"),
+        ("f /1 /2 /3", "/1"),
+        ("f 1/2 2 //3", "//3"),
+        ("f 1 2 x/3", "x/3"),
+        ("f 1 2 1_0", "1_0"),
+        ("f 1 2 3.0", "3.0"),
+        ("f 1 2 + 3", "+"),
+        ("f 1 2 3 1-2", "1-2"),
+        ("v 1 2 3 1-2", "1-2"),
+        ("v 1 2 1_0", "1_0"),
+        ("v 1 2 0x10", "0x10"),
+        ("v 1,5 2 3", "1,5"),
+        ("v 1 2 3 red", "red"),
+    ],
+)
+def test_words_that_are_no_numbers_are_named_with_their_line(tmp_path, line, word):
+    source = write_files(tmp_path, {"a.obj": triangle() + f"# fifth\n{line}\n"}) / "a.obj"
+    with pytest.raises(InputError, match="line 6: ") as caught:
+        ObjFrames().read(str(source))
+    assert repr(word) in caught.value.message
+
+
+def test_a_slash_without_anything_behind_it_is_understood():
+    text = ObjText(triangle().replace("f 1 2 3", "f 1/ 2// 3/7").encode())
+    assert text.topology().indices.tolist() == [0, 1, 2]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("word", ["1e300", "-1e39", "1e400"])
+def test_coordinates_beyond_all_measure_are_refused(tmp_path, word):
+    source = write_files(tmp_path, {"a.obj": triangle() + f"v 0 {word} 0\n"}) / "a.obj"
+    with pytest.raises(InputError, match=r"line 5: .*(not finite|too far from the origin)"):
+        ObjFrames().read(str(source))

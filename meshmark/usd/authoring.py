@@ -18,13 +18,13 @@ from meshmark.usd.geometry import (
     transformed,
     turned,
 )
-from meshmark.usd.layers import StreamedLayer, extent
+from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent
 
 FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
+LocalPoints = NDArray[np.floating]
 
-# Told of each frame as it is authored: time, points before and after.
-Witness = Callable[[float, Float32Array, Float32Array], None]
+# Told of each frame as it is authored: time, points before and after, as they are stored.
+Witness = Callable[[float, LocalPoints, LocalPoints], None]
 
 # Moves below this fraction of the mesh's size are the rounding of float64, not moves.
 NO_MOVE = 1e-14
@@ -33,7 +33,7 @@ NO_MOVE = 1e-14
 def author_marked_points(
     target: StreamedLayer, prim: Usd.Prim, marked: MeshAnimation, witness: Witness | None = None
 ) -> None:
-    """Give a prim `points` and `extent` at every time its source has points.
+    """Give a prim `points` and `extent` at every time its source has points, in its own type.
 
     A layer with any time sample hides all those of the layers below it, so the frames that were
     not marked are authored too, as they are. Frames are asked for one at a time.
@@ -47,12 +47,12 @@ def author_marked_points(
         If a marked point is not finite.
     """
     path = str(prim.GetPath())
-    points_spec, extent_spec = _specs(target.layer, path)
     with blamed(marked.origin, path):
         pairs = _matched(prim, marked)
+        points_spec, extent_spec = _specs(target.layer, path, local_points(prim, pairs[0][0]))
     for time, index in pairs:
         with blamed(marked.origin, path, time):
-            original = np.asarray(local_points(prim, time), dtype=np.float32)
+            original = local_points(prim, time)
             points = original
             if index is not None:
                 points = _moved(prim, time, original, marked[index].points)
@@ -69,10 +69,12 @@ def unmarked_times(prim: Usd.Prim, marked: MeshAnimation) -> FloatArray:
     return missing
 
 
-def _specs(layer: Sdf.Layer, path: str) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
+def _specs(
+    layer: Sdf.Layer, path: str, like: LocalPoints
+) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
     over = Sdf.CreatePrimInLayer(layer, path)
     return (
-        Sdf.AttributeSpec(over, "points", Sdf.ValueTypeNames.Point3fArray),
+        Sdf.AttributeSpec(over, "points", POINT_TYPES[like.dtype.type]),
         Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array),
     )
 
@@ -95,7 +97,7 @@ def _keys(times: FloatArray) -> FloatArray:
     return np.where(np.isnan(times), -np.inf, times)
 
 
-def _moved(prim: Usd.Prim, time: float, original: Float32Array, marked: FloatArray) -> Float32Array:
+def _moved(prim: Usd.Prim, time: float, original: LocalPoints, marked: FloatArray) -> LocalPoints:
     """Take the moves from world space into the prim's own; what has not moved keeps its bits."""
     _require_fit(marked, len(original))
     matrix = local_to_world(prim, time)
@@ -104,7 +106,7 @@ def _moved(prim: Usd.Prim, time: float, original: Float32Array, marked: FloatArr
     still = np.abs(move).max(axis=1) <= NO_MOVE * np.abs(world).max()
     # A prim scaled to nothing in some direction cannot move that way: the pseudo-inverse.
     inverse = np.linalg.pinv(matrix[:3, :3])
-    moved = (original + turned(move, inverse.astype(np.float64))).astype(np.float32)
+    moved = (original + turned(move, inverse.astype(np.float64))).astype(original.dtype)
     return np.where(still[:, None], original, moved)
 
 

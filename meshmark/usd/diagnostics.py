@@ -13,6 +13,8 @@ from meshmark.errors import InputError
 # Composition messages end in where the stage lives in memory, which differs from run to run.
 _NOISE = re.compile(r"\s*\((?:instantiating|recomposing|loading)[^()]*stage[^()]*\)\.?$")
 _MANGLED = re.compile(r"pxrInternal_\w+?__::")
+# The rule of the grammar that did not match, in the parser's own C++.
+_RULE = re.compile(r"(?<=parse error) matching .*(?= at ')")
 # Said after the error that has the reason.
 _EMPTY_TALK = "Failed to open layer"
 
@@ -42,17 +44,38 @@ def caught(
         raise InputError(
             f"not readable as USD: {reason(error)}", source=source, prim=prim, time=time
         ) from None
+    except UnicodeDecodeError as error:
+        text = _one_line(_decoded(error))
+        raise InputError(
+            f"not readable as USD: text that is not UTF-8: {text[:40]!r}",
+            source=source,
+            prim=prim,
+            time=time,
+        ) from None
     finally:
-        said = (_one_line(item.commentary) for item in delegate.TakeUncoalescedDiagnostics())
+        said = (_commentary(item) for item in delegate.TakeUncoalescedDiagnostics())
         messages.extend(dict.fromkeys(said))
 
 
 def reason(error: Tf.ErrorException) -> str:
     """Say in one line what a pxr error is about."""
-    lines = [_one_line(item.commentary) for item in error.args]
+    lines = [_commentary(item) for item in error.args]
     telling = [line for line in lines if not line.startswith(_EMPTY_TALK)]
     return next(iter([*telling, *lines]), "pxr gives no reason")
 
 
+def _commentary(diagnostic: Tf.DiagnosticBase) -> str:
+    """Return what pxr says in one line; it may quote bytes of the file that are no text."""
+    try:
+        text = diagnostic.commentary
+    except UnicodeDecodeError as error:
+        text = _decoded(error)
+    return _one_line(text)
+
+
+def _decoded(error: UnicodeDecodeError) -> str:
+    return bytes(error.object).decode("utf-8", "replace")
+
+
 def _one_line(text: str) -> str:
-    return _NOISE.sub("", _MANGLED.sub("", " ".join(text.split())))
+    return _NOISE.sub("", _MANGLED.sub("", _RULE.sub("", " ".join(text.split()))))

@@ -30,6 +30,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """
     # The comment it could add would name the unmarked source, and a folder of this machine.
     layer = stage.Flatten(addSourceFileComment=False)
+    _restore_precision(stage, layer)
     kept = _prototypes(layer)
     hidden = [prim for prim in _prims(layer.pseudoRoot) if prim.specifier != Sdf.SpecifierDef]
     for prim in hidden:
@@ -39,6 +40,31 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     for prim in _prims(layer.pseudoRoot):
         prim.ClearInfo("instanceable")
     return layer
+
+
+def _restore_precision(stage: Usd.Stage, layer: Sdf.Layer) -> None:
+    """Give points the type they have in the stage: flattening makes all of them float3."""
+    for prim in stage.Traverse():
+        points = prim.GetAttribute(UsdGeom.Tokens.points)
+        spec = layer.GetAttributeAtPath(points.GetPath())
+        if spec is None:
+            continue
+        stored = points.GetPropertyStack()[0].typeName
+        if stored != spec.typeName:
+            _retype(layer, spec, stored, points)
+
+
+def _retype(
+    layer: Sdf.Layer, spec: Sdf.AttributeSpec, kind: Sdf.ValueTypeName, values: Usd.Attribute
+) -> None:
+    times, has_default = layer.ListTimeSamplesForPath(spec.path), spec.HasDefaultValue()
+    owner = spec.owner
+    owner.RemoveProperty(spec)
+    spec = Sdf.AttributeSpec(owner, values.GetName(), kind)
+    if has_default:
+        spec.default = values.Get()
+    for time in times:
+        layer.SetTimeSample(spec.path, time, values.Get(time))
 
 
 def _prims(parent: Sdf.PrimSpec) -> Iterator[Sdf.PrimSpec]:

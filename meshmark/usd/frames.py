@@ -11,7 +11,7 @@ from pxr import Usd
 from meshmark.animation import Frame, Topology
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import local_points, local_to_world, read_topology, transformed
+from meshmark.usd.geometry import local_points, local_to_world, read_topology, world_points
 from meshmark.usd.opening import OpenStage, open_stage
 
 
@@ -52,7 +52,7 @@ class StageFrames:
         time = self.times[index]
         with blamed(self.source, self.prim, time):
             prim = opened.stage.GetPrimAtPath(self.prim)
-            points = transformed(local_points(prim, time), local_to_world(prim, time))
+            points = world_points(local_points(prim, time), local_to_world(prim, time))
             return Frame(time, points, self._topology(opened, prim, time, len(points)))
 
     def _topology(self, opened: OpenStage, prim: Usd.Prim, time: float, n_points: int) -> Topology:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, Vt
 
 from meshmark.animation import Topology
 from meshmark.errors import InputError
+from meshmark.mesh_arrays import require_measurable
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
+
+# What points may be stored as; the role of a type (point, vector, colour) does not matter.
+POINT_ARRAYS = (Vt.Vec3hArray, Vt.Vec3fArray, Vt.Vec3dArray)
+INTEGER_ARRAYS = (Vt.IntArray, Vt.Int64Array, Vt.UIntArray, Vt.UInt64Array, Vt.UCharArray)
 
 
 def time_code(time: float) -> Usd.TimeCode:
@@ -26,28 +31,53 @@ def sample_times(prim: Usd.Prim) -> FloatArray:
 
 
 def local_points(prim: Usd.Prim, time: float) -> NDArray[np.floating]:
-    """View the points in the prim's own space, (N, 3), without a copy.
+    """View the points in the prim's own space and type, (N, 3), without a copy.
 
     Raises
     ------
     InputError
-        If there are none, or one is not finite; the caller adds where.
+        If there are none, they are no points, or one is not finite; the caller adds where.
     """
     value = UsdGeom.Mesh(prim).GetPointsAttr().Get(time_code(time))
-    if value is None or len(value) == 0:
+    if value is not None and not isinstance(value, POINT_ARRAYS):
+        raise InputError(
+            f"points of type {type(value).__name__}; they must be an array of half3, float3 or "
+            "double3"
+        )
+    if not value:
         raise InputError("the mesh has no points")
     points: NDArray[np.floating] = np.asarray(value)
-    finite = np.isfinite(points)
-    if not finite.all():
-        first = int(np.flatnonzero(~finite.all(axis=1))[0])
-        raise InputError(f"point {first} is not finite: {points[first].tolist()}")
+    require_measurable(points)
     return points
 
 
 def local_to_world(prim: Usd.Prim, time: float) -> FloatArray:
-    """Return the matrix (4, 4) from the prim's own space to world space, for row vectors."""
+    """Return the matrix (4, 4) from the prim's own space to world space, for row vectors.
+
+    Raises
+    ------
+    InputError
+        If it is not finite; the caller adds where.
+    """
     cache = UsdGeom.XformCache(time_code(time))
-    return np.array(cache.GetLocalToWorldTransform(prim), dtype=np.float64)
+    matrix = np.array(cache.GetLocalToWorldTransform(prim), dtype=np.float64)
+    if not np.isfinite(matrix).all():
+        raise InputError("its transform to world space is not finite")
+    return matrix
+
+
+def world_points(points: NDArray[np.floating], matrix: FloatArray) -> FloatArray:
+    """Take local points (N, 3) to world space.
+
+    Raises
+    ------
+    InputError
+        If one ends up too far away to compute with; the caller adds where.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        world = transformed(points, matrix)
+    require_measurable(world)
+    return world
 
 
 def transformed(points: NDArray[np.floating], matrix: FloatArray) -> FloatArray:
@@ -82,8 +112,8 @@ def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
     """
     mesh = UsdGeom.Mesh(prim)
     code = time_code(time)
-    counts = _ints(mesh.GetFaceVertexCountsAttr(), code)
-    indices = _ints(mesh.GetFaceVertexIndicesAttr(), code)
+    counts = integers(mesh.GetFaceVertexCountsAttr(), code)
+    indices = integers(mesh.GetFaceVertexIndicesAttr(), code)
     topology = Topology(counts, indices, n_points)
     if not inside_out(prim, time):
         return topology
@@ -93,7 +123,8 @@ def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
 def inside_out(prim: Usd.Prim, time: float) -> bool:
     """Tell whether the faces, as their corners are listed, face inward in world space."""
     left_handed = UsdGeom.Mesh(prim).GetOrientationAttr().Get(time_code(time))
-    mirrored = np.linalg.det(local_to_world(prim, time)[:3, :3]) < 0
+    # Not the determinant itself, which may overflow.
+    mirrored = np.linalg.slogdet(local_to_world(prim, time)[:3, :3]).sign < 0
     return bool((left_handed == UsdGeom.Tokens.leftHanded) != mirrored)
 
 
@@ -107,14 +138,28 @@ def topology_varies(prim: Usd.Prim, times: FloatArray) -> bool:
 def _changes(attribute: Usd.Attribute, times: FloatArray) -> bool:
     if not attribute.ValueMightBeTimeVarying():
         return False
-    first = _ints(attribute, time_code(times[0]))
-    return any(not np.array_equal(first, _ints(attribute, time_code(t))) for t in times[1:])
+    first = integers(attribute, time_code(times[0]))
+    return any(not np.array_equal(first, integers(attribute, time_code(t))) for t in times[1:])
 
 
-def _ints(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
+def integers(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
+    """Read an array of integers, (n,); none where the attribute has no value.
+
+    Raises
+    ------
+    InputError
+        If it is something else; the caller adds where.
+    """
     value = attribute.Get(code)
-    # An attribute without a value is a mesh without faces: Topology says so.
-    return np.asarray(() if value is None else value, dtype=np.int64)
+    if value is None:
+        # An attribute without a value is a mesh without faces: Topology says so.
+        return np.zeros(0, dtype=np.int64)
+    if not isinstance(value, INTEGER_ARRAYS):
+        raise InputError(
+            f"{attribute.GetName()} of type {type(value).__name__}; it must be an array of integers"
+        )
+    # Unsigned 64-bit numbers out of range become negative ones, which Topology refuses.
+    return np.asarray(value).astype(np.int64)
 
 
 def backwards(counts: IntArray, indices: IntArray) -> IntArray:

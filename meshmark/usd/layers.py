@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,18 @@ SUFFIXES = (".usd", ".usda", ".usdc")
 # A crate layer drops from memory what is saved; each save adds about a kilobyte, and the list of
 # sample times, to the file.
 BATCH_BYTES = 4 << 20
+
+VECTOR_ARRAYS = {
+    np.float16: Vt.Vec3hArray,
+    np.float32: Vt.Vec3fArray,
+    np.float64: Vt.Vec3dArray,
+}
+# What a `points` attribute is declared as, by the type of its numbers.
+POINT_TYPES = {
+    np.float16: Sdf.ValueTypeNames.Point3hArray,
+    np.float32: Sdf.ValueTypeNames.Point3fArray,
+    np.float64: Sdf.ValueTypeNames.Point3dArray,
+}
 
 
 @dataclass
@@ -44,10 +57,10 @@ class StreamedLayer:
             self._unsaved = 0
 
     def set_vectors(
-        self, attribute: Sdf.AttributeSpec, time: float, vectors: NDArray[np.float32]
+        self, attribute: Sdf.AttributeSpec, time: float, vectors: NDArray[np.floating]
     ) -> None:
-        """Give an attribute (N, 3) float32 at a time, or as its default if the time is NaN."""
-        self.set(attribute, time, vec3f_array(vectors), vectors.nbytes)
+        """Give an attribute (N, 3) vectors at a time, or as its default if the time is NaN."""
+        self.set(attribute, time, vector_array(vectors), vectors.nbytes)
 
     def set_integers(
         self, attribute: Sdf.AttributeSpec, time: float, integers: NDArray[np.int64]
@@ -57,14 +70,14 @@ class StreamedLayer:
         self.set(attribute, time, value, 4 * integers.size)
 
 
-def vec3f_array(vectors: NDArray[np.float32]) -> Vt.Vec3fArray:
-    """Copy (N, 3) float32 into USD's own array type."""
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(vectors, dtype=np.float32))
+def vector_array(vectors: NDArray[np.floating]) -> Any:
+    """Copy (N, 3) half, single or double precision into USD's own array of that type."""
+    return VECTOR_ARRAYS[vectors.dtype.type].FromNumpy(np.ascontiguousarray(vectors))
 
 
-def extent(points: NDArray[np.float32]) -> NDArray[np.float32]:
+def extent(points: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return the corners of the bounding box of (N, 3) points, (2, 3)."""
-    return np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import InputError, UsageError
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.frames import StageFrames, blamed
-from meshmark.usd.geometry import sample_times, topology_varies
+from meshmark.usd.geometry import local_points, sample_times, topology_varies
 from meshmark.usd.opening import OpenStage, open_stage
 from meshmark.usd.prims import is_guide, mesh_prims, notes
 
@@ -94,6 +94,7 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
         times = sample_times(prim)
         varies = topology_varies(prim, times)
         said, in_place = notes(prim), not prim.IsInstanceProxy()
+        dtype = local_points(prim, float(times[0])).dtype.name
     frames = StageFrames(source, path, tuple(times.tolist()), varies)
     frames.frame(0)
     return MeshAnimation(
@@ -104,6 +105,7 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
         origin=source,
         notes=said,
         in_place=in_place,
+        dtype=dtype,
     )
 
 

@@ -9,7 +9,7 @@ from pxr import Sdf, Tf, UsdGeom
 
 from meshmark.animation import Asset, MeshAnimation, Topology
 from meshmark.errors import OutputError
-from meshmark.usd.layers import StreamedLayer, extent, new_layer
+from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
 
 NAMELESS = "Mesh"
 
@@ -18,7 +18,8 @@ def write_stage(asset: Asset, output: Path) -> None:
     """Write the meshes of an asset as a new stage that depends on no other file.
 
     Every mesh becomes a `Mesh` prim at its own path, below `Xform` prims that move nothing:
-    points are written in world space, float32, at the asset's time codes; faces once, or with
+    points are written in world space, in double precision where the source has that and single
+    precision elsewhere, at the asset's time codes; faces once, or with
     every frame where they change. Names USD does not allow are altered to ones it does, and a
     mesh without a name becomes `/Mesh`. Frames are asked for one at a time. Equal input gives
     equal bytes.
@@ -63,7 +64,9 @@ def _describe(layer: Sdf.Layer, asset: Asset) -> None:
 def _write_mesh(target: StreamedLayer, path: Sdf.Path, mesh: MeshAnimation) -> None:
     prim = _mesh_prim(target.layer, path)
     types = Sdf.ValueTypeNames
-    points = Sdf.AttributeSpec(prim, "points", types.Point3fArray)
+    # Half precision was enough in the prim's own space, but need not be in world space.
+    dtype = np.promote_types(mesh.dtype, np.float32)
+    points = Sdf.AttributeSpec(prim, "points", POINT_TYPES[dtype.type])
     box = Sdf.AttributeSpec(prim, "extent", types.Float3Array)
     counts = Sdf.AttributeSpec(prim, "faceVertexCounts", types.IntArray)
     indices = Sdf.AttributeSpec(prim, "faceVertexIndices", types.IntArray)
@@ -76,7 +79,7 @@ def _write_mesh(target: StreamedLayer, path: Sdf.Path, mesh: MeshAnimation) -> N
             time = np.nan if mesh.constant_topology else frame.time
             target.set_integers(counts, time, faces.counts)
             target.set_integers(indices, time, faces.indices)
-        P = frame.points.astype(np.float32)
+        P = frame.points.astype(dtype)
         if not np.isfinite(P).all():
             raise OutputError(
                 "a point is not finite", source=mesh.origin, prim=mesh.prim, time=frame.time

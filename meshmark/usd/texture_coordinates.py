@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from meshmark.topology import triangulate
 from meshmark.usd.frames import blamed
-from meshmark.usd.geometry import backwards, inside_out, sample_times, time_code
+from meshmark.usd.geometry import (
+    backwards,
+    inside_out,
+    integers,
+    local_points,
+    sample_times,
+    time_code,
+)
 from meshmark.usd.opening import open_stage
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +28,7 @@ TYPES = (
     Sdf.ValueTypeNames.TexCoord2dArray,
     Sdf.ValueTypeNames.TexCoord2hArray,
 )
+PAIR_ARRAYS = (Vt.Vec2hArray, Vt.Vec2fArray, Vt.Vec2dArray)
 BY_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
 
@@ -67,13 +75,16 @@ def _primvar(prim: Usd.Prim) -> UsdGeom.Primvar | None:
 
 def _by_triangle(prim: Usd.Prim, primvar: UsdGeom.Primvar, time: float) -> FloatArray | None:
     code, mesh = time_code(time), UsdGeom.Mesh(prim)
-    counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(code), dtype=np.int64)
-    points = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(code), dtype=np.int64)
-    n_points = len(mesh.GetPointsAttr().Get(code))
+    counts = integers(mesh.GetFaceVertexCountsAttr(), code)
+    points = integers(mesh.GetFaceVertexIndicesAttr(), code)
+    n_points = len(local_points(prim, time))
     by_point = primvar.GetInterpolation() in BY_POINT
     if not by_point and primvar.GetInterpolation() != UsdGeom.Tokens.faceVarying:
         return None
-    uv = np.asarray(primvar.ComputeFlattened(code), dtype=np.float64)
+    value = primvar.ComputeFlattened(code)
+    if not isinstance(value, PAIR_ARRAYS):
+        return None
+    uv = np.asarray(value, dtype=np.float64)
     if uv.shape != (n_points if by_point else len(points), 2) or not np.all(np.isfinite(uv)):
         return None
     corner = np.arange(len(points))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Vt
 
 from meshmark.usd.authoring import Witness
-from meshmark.usd.layers import extent, vec3f_array
+from meshmark.usd.layers import extent, vector_array
 
 Float32Array = NDArray[np.float32]
 
@@ -31,7 +31,7 @@ class Traces:
         """Return what remembers each frame of a prim as it is authored."""
         self._prims.add(prim)
 
-        def remember(time: float, original: Float32Array, _: Float32Array) -> None:
+        def remember(time: float, original: NDArray[np.floating], _: NDArray[np.floating]) -> None:
             self._sizes.add(len(original))
             self._marked.setdefault(_digest(original), {}).setdefault(prim, time)
 
@@ -100,12 +100,12 @@ def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> object:
 
 
 def _set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, vectors: Float32Array) -> None:
-    value = vec3f_array(vectors)
+    value = vector_array(np.asarray(vectors, dtype=np.float32))
     if np.isnan(time):
         layer.GetAttributeAtPath(path).default = value
     else:
         layer.SetTimeSample(path, time, value)
 
 
-def _digest(points: Float32Array) -> bytes:
+def _digest(points: NDArray[np.floating]) -> bytes:
     return hashlib.blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()

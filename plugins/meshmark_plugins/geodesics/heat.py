@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshmark.errors import InputError, UsageError
+from meshmark.errors import CapacityError, UsageError
 from meshmark.mesh_arrays import mesh_arrays
 from meshmark.plugin_parameters import require_number
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
@@ -93,7 +93,7 @@ class HeatSolver:
         ------
         UsageError
             If a source is out of range.
-        InputError
+        CapacityError
             If a source's component is too degenerate to solve on, such as a single point.
         """
         return self._components.distances(source_indices(sources, self._n))
@@ -118,6 +118,6 @@ def _build(V: FloatArray, F: IntArray, *, t_coef: float, use_robust: bool) -> On
     return solve
 
 
-def _failure(error: Exception) -> InputError:
+def _failure(error: Exception) -> CapacityError:
     reason = (str(error).splitlines() or [type(error).__name__])[0]
-    return InputError(f"the heat method cannot solve on this mesh: {reason}")
+    return CapacityError(f"the heat method cannot solve on this mesh: {reason}")

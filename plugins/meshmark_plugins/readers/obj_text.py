@@ -7,13 +7,16 @@ are blanked, not cut out), so that a number's place in the work copy is its plac
 from __future__ import annotations
 
 import hashlib
+import re
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Topology
 from meshmark.errors import InputError
+from meshmark.mesh_arrays import measurable
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -22,6 +25,11 @@ ByteArray = NDArray[np.uint8]
 _SPACE, _NEWLINE, _HASH, _SLASH, _MINUS = b" \n#/-"
 _BLANK = np.zeros(256, dtype=bool)
 _BLANK[list(b" \t\r\n\v\f")] = True
+_COORDINATE = re.compile(
+    rb"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE
+)
+# What follows the first slash, indices of texture and normal, is not looked at.
+_CORNER = re.compile(rb"[+-]?\d+(/.*)?", re.DOTALL)
 
 
 class ObjText:
@@ -71,15 +79,17 @@ class ObjText:
         if counts.min() < 3:
             line = self._line_number(self._is_vertex, int(np.argmin(counts)))
             raise InputError(f"line {line}: a vertex needs three coordinates")
-        try:
-            values = np.fromstring(text.tobytes(), dtype=np.float64, sep=" ")
-        except ValueError:
-            raise self._not_a_number(self._is_vertex, float, "coordinate") from None
+        values = _numbers(text, np.float64)
+        if values is None or len(values) != counts.sum():
+            raise self._not_a_number(self._is_vertex, _COORDINATE, "coordinate")
         V = values[_first_three(counts)].reshape(-1, 3)
-        finite = np.isfinite(V).all(axis=1)
-        if not finite.all():
-            line = self._line_number(self._is_vertex, int(np.argmin(finite)))
-            raise InputError(f"line {line}: a coordinate is not finite")
+        fit = measurable(V)
+        if not fit.all():
+            line = self._line_number(self._is_vertex, int(np.argmin(fit)))
+            raise InputError(
+                f"line {line}: a coordinate is not finite, or too far from the origin to compute "
+                "with"
+            )
         return V
 
     def topology(self) -> Topology:
@@ -91,10 +101,9 @@ class ObjText:
         if counts.min() < 3:
             line = self._line_number(self._is_face, int(np.argmin(counts)))
             raise InputError(f"line {line}: a face needs three corners")
-        try:
-            given = np.fromstring(_drop_slashes(text).tobytes(), dtype=np.int64, sep=" ")
-        except ValueError:
-            raise self._not_a_number(self._is_face, int, "face index") from None
+        given = _numbers(_drop_slashes(text), np.int64)
+        if given is None or len(given) != counts.sum():
+            raise self._not_a_number(self._is_face, _CORNER, "face index")
         indices = self._resolve(given, counts)
         return Topology(counts, indices, self.n_points)
 
@@ -152,14 +161,14 @@ class ObjText:
         start = int(self._starts[np.flatnonzero(chosen)[row]])
         return self.data[:start].count(b"\n") + 1
 
-    def _not_a_number(self, chosen: NDArray[np.bool_], kind: type, what: str) -> InputError:
+    def _not_a_number(
+        self, chosen: NDArray[np.bool_], pattern: re.Pattern[bytes], what: str
+    ) -> InputError:
         for row, index in enumerate(np.flatnonzero(chosen)):
             words = self._text[self._starts[index] : self._ends[index]].tobytes().split()
             for word in words:
-                try:
-                    kind(word.split(b"/")[0] if kind is int else word)
-                except ValueError:
-                    shown = word.decode("utf-8", "replace")
+                if pattern.fullmatch(word) is None:
+                    shown = word[:40].decode("utf-8", "replace")
                     number = self._line_number(chosen, row)
                     return InputError(f"line {number}: {shown!r} is not a {what}")
         return InputError(f"a {what} is not a number")
@@ -226,6 +235,14 @@ def _count_numbers(text: ByteArray, lengths: IntArray) -> IntArray:
     blank = np.concatenate([[True], _BLANK[text]])
     begins = (blank[:-1] & ~blank[1:]).astype(np.int64)
     return np.add.reduceat(begins, np.concatenate([[0], np.cumsum(lengths)[:-1]]))
+
+
+def _numbers(text: ByteArray, kind: type[np.generic]) -> NDArray[Any] | None:
+    """Parse numbers with blanks between them; None where a word is none."""
+    try:
+        return np.fromstring(text.tobytes(), dtype=kind, sep=" ")
+    except ValueError:
+        return None
 
 
 def _first_three(counts: IntArray) -> IntArray:
