@@ -67,6 +67,10 @@ class InputError(MeshmarkError):
     exit_code = 3
 
 
+class NoExtentError(InputError):
+    """A frame in which a mesh is scaled to nothing: it holds no mark, but is no fault either."""
+
+
 class OutputError(MeshmarkError):
     """A place that cannot be written to."""
 

@@ -4,30 +4,75 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
-from meshmark.errors import InputError
+from meshmark.animation import Frame, MeshAnimation
+from meshmark.errors import InputError, NoExtentError
+from meshmark.geometry import face_areas
+from meshmark.mesh_arrays import require_measurable
+
+# Share of the squared diagonal below which a surface has no area: it is a point, or a line.
+NO_AREA = 1e-12
 
 
 def check(animation: MeshAnimation) -> None:
-    """Read every frame once, one at a time, and let the first unfit one raise.
+    """Read every frame once, one at a time, and let the first that cannot be read raise.
 
     Parameters
     ----------
     animation : MeshAnimation
-        From any reader; one that checks its frames as it reads them raises by itself.
+        From any reader.
 
     Raises
     ------
     InputError
         Naming file, prim and frame.
     """
-    for frame in animation:
-        finite = np.isfinite(frame.points).all(axis=1)
-        if not finite.all():
-            first = int(np.flatnonzero(~finite)[0])
-            raise InputError(
-                f"point {first} is not finite: {frame.points[first].tolist()}",
-                source=animation.origin,
-                prim=animation.prim,
-                time=frame.time,
-            )
+    for _, error in bad_frames(animation):
+        if not isinstance(error, NoExtentError):
+            raise error
+
+
+def bad_frames(animation: MeshAnimation) -> tuple[tuple[int, InputError], ...]:
+    """Read every frame once, one at a time, and list those that nothing can be measured in.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        From any reader.
+
+    Returns
+    -------
+    tuple of (int, InputError)
+        Index, and what is wrong, naming file, prim and frame. A `NoExtentError` is of a frame
+        that can be read, but shows a mesh that was scaled to nothing.
+    """
+    found = ((index, _fault(animation, index)) for index in range(len(animation)))
+    return tuple((index, error) for index, error in found if error is not None)
+
+
+def _fault(animation: MeshAnimation, index: int) -> InputError | None:
+    try:
+        frame = animation[index]
+        require_measurable(frame.points)
+        _require_extent(frame)
+    except InputError as error:
+        if error.source is not None:
+            return error
+        return type(error)(
+            error.message,
+            source=animation.origin,
+            prim=animation.prim,
+            time=float(animation.times[index]),
+        )
+    return None
+
+
+def _require_extent(frame: Frame) -> None:
+    used = frame.points[frame.topology.indices]
+    low, high = used.min(axis=0), used.max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    if diagonal < np.finfo(np.float32).tiny:
+        raise NoExtentError("the mesh is scaled to nothing")
+    # Of size 1 about the origin, or squares might underflow.
+    unit = (frame.points - low) / diagonal
+    if face_areas(unit, frame.faces).sum() < NO_AREA:
+        raise NoExtentError("the mesh is scaled to a line: it has no area")
