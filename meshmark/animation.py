@@ -262,6 +262,25 @@ class MeshAnimation:
         )
 
 
+@dataclass(frozen=True)
+class LeftOut:
+    """Something of a source that was not read, or not marked.
+
+    Parameters
+    ----------
+    prim : str
+        Path of the mesh, or of the prim that would hold it.
+    reason : str
+        Why.
+    guide : bool
+        Whether it only helps those who work on the source, and nobody expects a mark in it.
+    """
+
+    prim: str
+    reason: str
+    guide: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Asset:
     """Everything read from one source: the animations of its meshes.
@@ -280,6 +299,10 @@ class Asset:
         Length of the source's unit in metres.
     fps : float
         Time codes per second.
+    notes : tuple of str
+        What a person should know about how it was read.
+    left_out : tuple of LeftOut
+        What of it was not read.
     """
 
     source: str
@@ -289,6 +312,7 @@ class Asset:
     meters_per_unit: float = 0.01
     fps: float = 24.0
     notes: tuple[str, ...] = field(default=())
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def path(self) -> Path:

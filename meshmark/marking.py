@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from meshmark.animation import Asset, MeshAnimation
+from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.embedding import Embedded, embed_animation
 from meshmark.errors import CapacityError
 from meshmark.keys import Key
@@ -40,13 +40,13 @@ class MarkedAsset:
         As it was read.
     meshes : tuple of MarkedMesh
         Those that hold a mark.
-    skipped : tuple of (str, str)
-        Prim and reason, for those that cannot.
+    skipped : tuple of LeftOut
+        Those that cannot.
     """
 
     original: Asset
     meshes: tuple[MarkedMesh, ...]
-    skipped: tuple[tuple[str, str], ...]
+    skipped: tuple[LeftOut, ...]
 
     @property
     def asset(self) -> Asset:
@@ -99,7 +99,7 @@ def embed(
     scheme = (recipe or Recipe()).build()
     name = (recipe or Recipe()).scheme
     marked: list[MarkedMesh] = []
-    skipped: list[tuple[str, str]] = []
+    skipped: list[LeftOut] = []
     for animation in whole.meshes:
         tell = None if progress is None else partial(progress, animation.prim)
         try:
@@ -116,11 +116,11 @@ def embed(
         except CapacityError as error:
             if len(whole.meshes) == 1:
                 raise
-            skipped.append((animation.prim, error.message))
+            skipped.append(LeftOut(animation.prim, error.message))
             continue
         marked.append(MarkedMesh(animation, embedded))
     if not marked:
-        reasons = "; ".join(f"{prim}: {why}" for prim, why in skipped[:3])
+        reasons = "; ".join(f"{each.prim}: {each.reason}" for each in skipped[:3])
         raise CapacityError(f"no mesh can hold a mark: {reasons}", source=whole.source)
     return MarkedAsset(whole, tuple(marked), tuple(skipped))
 

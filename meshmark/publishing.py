@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.animation import Asset
-from meshmark.errors import CapacityError, UsageError
+from meshmark.errors import UsageError
 from meshmark.json_values import number
 from meshmark.keys import Key
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
@@ -20,7 +20,13 @@ from meshmark.outputs import check_output, complete, reread
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.sources import read, texture_coordinates, writer
-from meshmark.validation import check
+from meshmark.unmarked import (
+    require_allowed,
+    require_small,
+    split_fit,
+    split_in_place,
+    unasked,
+)
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import gather, judge_all
 from meshmark.version import __version__
@@ -42,6 +48,7 @@ def mark_file(
     frames: str | None = None,
     recipient: str | None = None,
     deliver: bool = False,
+    allow_unmarked: Sequence[str] = (),
     dry_run: bool = False,
     jobs: int = 1,
     progress: Progress | None = None,
@@ -66,6 +73,10 @@ def mark_file(
         Whose copy it will be.
     deliver : bool
         Flatten into one file in which no unmarked point is left.
+    allow_unmarked : sequence of str
+        Paths of prims that may be delivered unmarked, with all below them; `all` for whatever
+        there is. Without it, nothing is delivered of which a mesh was left out, or of which
+        those that can hold no mark are more than a tenth.
     dry_run : bool
         Do everything but write.
     jobs : int
@@ -77,8 +88,7 @@ def mark_file(
     -------
     Manifest
         As written beside the output. It holds what blind verification says of the written
-        file (of the marked frames in memory after a dry run), and the meshes that cannot hold
-        a mark.
+        file (of the marked frames in memory after a dry run), and the meshes that hold no mark.
 
     Raises
     ------
@@ -87,14 +97,19 @@ def mark_file(
     """
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")
+    if allow_unmarked and not deliver:
+        raise UsageError("--allow-unmarked is for --deliver only")
     target = Path(output)
     check_output(target, source, deliver)
     recipe = recipe or Recipe()
     original = read(source, prims)
     write = writer(original, target, deliver=deliver)
-    for mesh in original.meshes:
-        check(mesh)
-    markable, instanced = (original, ()) if deliver else split_in_place(original)
+    others = unasked(read(source), prims) if deliver and prims else ()
+    markable = split_fit(original)
+    if deliver:
+        require_allowed(markable, allow_unmarked)
+    else:
+        markable = split_in_place(markable)
     marked = embed(
         markable,
         key,
@@ -104,11 +119,9 @@ def mark_file(
         jobs=jobs,
         progress=_stage(progress, "embed"),
     )
-    if deliver and marked.skipped:
-        prim, reason = marked.skipped[0]
-        raise UsageError(
-            f"cannot deliver: {reason}; name the meshes with --prim", source=str(source), prim=prim
-        )
+    if deliver:
+        require_small(markable, marked.skipped, allow_unmarked)
+    marked = replace(marked, original=original)
     if not dry_run:
         write(complete(marked))
     written = marked.asset if dry_run else reread(marked, target)
@@ -123,7 +136,8 @@ def mark_file(
     )
     recipients = [] if recipient is None else [recipient]
     verdict = judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
-    skipped = (*marked.skipped, *instanced)
+    left_out = (each for each in markable.left_out if deliver or not each.guide)
+    skipped = (*marked.skipped, *left_out, *others)
     document = {
         "format": FORMAT,
         "meshmark": __version__,
@@ -135,7 +149,7 @@ def mark_file(
         "frames": frames,
         "plugins": recipe.as_json(),
         "prims": _prims(marked, verdict, jobs),
-        "skipped": [{"prim": prim, "reason": reason} for prim, reason in skipped],
+        "skipped": [{"prim": each.prim, "reason": each.reason} for each in skipped],
         "verification": {
             "verdict": verdict.verdict,
             "log10_p": verdict.log10_p,
@@ -147,28 +161,6 @@ def mark_file(
     path = manifest_path(target)
     write_json(document, path)
     return Manifest(document, path)
-
-
-def split_in_place(asset: Asset) -> tuple[Asset, tuple[tuple[str, str], ...]]:
-    """Leave out the meshes an override layer cannot reach.
-
-    Returns
-    -------
-    asset : Asset
-        The others.
-    skipped : tuple of (prim, reason)
-
-    Raises
-    ------
-    CapacityError
-        If no mesh is left.
-    """
-    reason = "inside an instance, which a layer cannot override; --deliver can mark it"
-    reached = tuple(mesh for mesh in asset.meshes if mesh.in_place)
-    if not reached:
-        raise CapacityError(reason, source=asset.source, prim=asset.meshes[0].prim)
-    skipped = tuple((mesh.prim, reason) for mesh in asset.meshes if not mesh.in_place)
-    return replace(asset, meshes=reached), skipped
 
 
 def source_files(asset: Asset) -> list[Path]:
@@ -209,6 +201,7 @@ def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int
     kept = ("verdict", "log10_p", "chips", "ber")
     return {
         "prim": mesh.animation.prim,
+        "notes": list(mesh.animation.notes),
         "points": first.topology.n_points,
         "faces": len(first.topology.counts),
         "frames": len(mesh.original),

@@ -13,10 +13,9 @@ from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.keys import Key
 from meshmark.marking import embed
 from meshmark.outputs import complete
-from meshmark.publishing import split_in_place
 from meshmark.recipe import Recipe
 from meshmark.sources import read, writer
-from meshmark.validation import check
+from meshmark.unmarked import split_fit, split_in_place
 
 MeshProgress = Callable[[str, int, int], None]
 
@@ -69,11 +68,8 @@ def make_copy(
     start = time.perf_counter()
     original = read(subject.source)
     write = writer(original, path)
-    for mesh in original.meshes:
-        check(mesh)
-    markable, _ = split_in_place(original)
     marked = embed(
-        markable,
+        split_in_place(split_fit(original)),
         key,
         recipe=recipe,
         recipient=recipient,
@@ -81,12 +77,13 @@ def make_copy(
         jobs=jobs,
         progress=progress,
     )
+    marked = replace(marked, original=original)
     write(complete(marked))
     written = _written_names(original, path)
     return {
         "file": path.name,
         "prims": [[mesh.animation.prim, written[mesh.animation.prim]] for mesh in marked.meshes],
-        "skipped": [list(item) for item in marked.skipped],
+        "skipped": [[each.prim, each.reason] for each in marked.skipped],
         "carriers": sum(mesh.embedded.carriers for mesh in marked.meshes),
         "timings": {"embed_s": round(time.perf_counter() - start, 3)},
     }

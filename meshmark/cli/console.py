@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import typer
+
+FEW = 3
 
 
 def say(text: str) -> None:
@@ -19,6 +21,15 @@ def say(text: str) -> None:
 def warn(text: str) -> None:
     """Tell a person that something needs a look."""
     typer.secho(f"warning: {text}", fg="yellow", err=True)
+
+
+def few(texts: Sequence[str], every: bool = False) -> None:
+    """Warn of the first few of many things, and say how many there are; or of every one."""
+    shown = len(texts) if every or len(texts) <= FEW + 1 else FEW
+    for text in texts[:shown]:
+        warn(text)
+    if shown < len(texts):
+        warn(f"and {len(texts) - shown} more; --all lists them")
 
 
 def complain(text: str) -> None:

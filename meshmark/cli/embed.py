@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from meshmark.cli.console import frame_progress, put_json, say, warn
+from meshmark.cli.console import few, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
     FramesOption,
     GeodesicOption,
@@ -48,6 +48,17 @@ def embed(
     deliver: Annotated[
         bool, typer.Option("--deliver", help="Flatten: no unmarked point is left in the file.")
     ] = False,
+    allow_unmarked: Annotated[
+        list[str],
+        typer.Option(
+            "--allow-unmarked",
+            metavar="PRIM",
+            help="Deliver this mesh, and all below it, though it holds no mark; `all` for any.",
+        ),
+    ] = [],  # noqa: B006
+    every: Annotated[
+        bool, typer.Option("--all", help="List everything that is not marked, not the first few.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Do all but write.")] = False,
     json: JsonOption = False,
 ) -> None:
@@ -69,6 +80,7 @@ def embed(
             frames=frames,
             recipient=recipient,
             deliver=deliver,
+            allow_unmarked=allow_unmarked,
             dry_run=dry_run,
             jobs=default_jobs(),
             progress=progress,
@@ -77,20 +89,22 @@ def embed(
     if json:
         put_json(document)
     _tell(document, dry_run)
-    for skipped in document["skipped"]:
-        warn(f"{skipped['prim']}: not marked: {skipped['reason']}")
+    few([f"{each['prim']}: not marked: {each['reason']}" for each in document["skipped"]], every)
     found = document["verification"]
     if found["verdict"] != "marked":
         warn(
             f"what was written verifies with log10 p {found['log10_p']:.2f} only: "
             f"{found['verdict']} at {found['fpr']:g}"
         )
-    if document["skipped"] or found["verdict"] == "not marked":
+    # What a deliverable may leave unmarked was agreed to before it was written.
+    if (document["skipped"] and not deliver) or found["verdict"] == "not marked":
         raise typer.Exit(NOT_ALL_MARKED)
 
 
 def _tell(document: dict[str, Any], dry_run: bool) -> None:
     for prim in document["prims"]:
+        for note in prim["notes"]:
+            warn(f"{prim['prim']}: {note}")
         found = prim["distortion"]
         say(
             f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "

@@ -19,6 +19,28 @@ def mesh_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     return [prim for prim in prims if prim.IsA(UsdGeom.Mesh)]
 
 
+def hidden_prototypes(stage: Usd.Stage) -> list[Usd.Prim]:
+    """List meshes that are shown by a point instancer only: not defined, or not active.
+
+    They are not read, and stay in a flattened stage.
+    """
+    shown = {prim.GetPath() for prim in mesh_prims(stage)}
+    instancers = (UsdGeom.PointInstancer(prim) for prim in stage.TraverseAll())
+    targets = (each.GetPrototypesRel().GetTargets() for each in instancers if each)
+    roots = (stage.GetPrimAtPath(path) for paths in targets for path in paths)
+    below = (prim for root in roots if root for prim in Usd.PrimRange.AllPrims(root))
+    found = {prim.GetPath(): prim for prim in below if prim.IsA(UsdGeom.Mesh)}
+    return [prim for path, prim in found.items() if path not in shown]
+
+
+def missing_layers(stage: Usd.Stage) -> list[tuple[str, str]]:
+    """List the prims of which something could not be composed, and why."""
+    said: dict[str, str] = {}
+    for error in stage.GetCompositionErrors():
+        said.setdefault(str(error.rootSite.path), " ".join(str(error).split()).rstrip("."))
+    return list(said.items())
+
+
 def is_guide(prim: Usd.Prim) -> bool:
     """Tell whether a prim only helps those who work on the stage (purpose `guide`)."""
     return bool(UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide)

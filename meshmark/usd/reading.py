@@ -6,15 +6,16 @@ from collections.abc import Iterable, Sequence
 
 from pxr import Usd, UsdGeom
 
-from meshmark.animation import Asset, MeshAnimation
+from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import InputError, UsageError
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import local_points, sample_times, topology_varies
 from meshmark.usd.opening import OpenStage, open_stage
-from meshmark.usd.prims import is_guide, mesh_prims, notes
+from meshmark.usd.prims import hidden_prototypes, is_guide, mesh_prims, missing_layers, notes
 
 READER = "usd"
+NOT_DEFINED = "not defined, and shown by a point instancer all the same"
 
 
 def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
@@ -39,7 +40,8 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     Returns
     -------
     Asset
-        Its notes hold what pxr warned of and which meshes were left out, and why.
+        Its notes hold what pxr warned of and which meshes were left out, and why; the latter
+        it also lists, together with prims that lack a layer and prototypes nobody defines.
 
     Raises
     ------
@@ -58,7 +60,15 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
         meshes = tuple(_read_mesh(source, found[path]) for path in dict.fromkeys(prims))
         return _asset(source, opened, meshes, ())
     meshes, left_out = _read_fit(source, found.values())
-    return _asset(source, opened, meshes, left_out)
+    with caught(source):
+        unseen = (
+            *(LeftOut(path, reason) for path, reason in missing_layers(opened.stage)),
+            *(
+                LeftOut(str(prim.GetPath()), NOT_DEFINED)
+                for prim in hidden_prototypes(opened.stage)
+            ),
+        )
+    return _asset(source, opened, meshes, left_out, unseen)
 
 
 def _require(source: str, wanted: Iterable[str], found: dict[str, Usd.Prim]) -> None:
@@ -70,13 +80,13 @@ def _require(source: str, wanted: Iterable[str], found: dict[str, Usd.Prim]) -> 
 
 def _read_fit(
     source: str, prims: Iterable[Usd.Prim]
-) -> tuple[tuple[MeshAnimation, ...], tuple[str, ...]]:
+) -> tuple[tuple[MeshAnimation, ...], tuple[LeftOut, ...]]:
     meshes: list[MeshAnimation] = []
     errors: list[InputError] = []
-    guides: list[str] = []
+    guides: list[LeftOut] = []
     for prim in prims:
         if is_guide(prim):
-            guides.append(f"{prim.GetPath()}: left out: purpose guide")
+            guides.append(LeftOut(str(prim.GetPath()), "purpose guide", guide=True))
             continue
         try:
             meshes.append(_read_mesh(source, prim))
@@ -84,7 +94,7 @@ def _read_fit(
             errors.append(error)
     if not meshes:
         raise errors[0] if errors else InputError("all meshes are guides", source=source)
-    unfit = [f"{error.prim}: left out: {error.message}" for error in errors]
+    unfit = [LeftOut(str(error.prim), error.message) for error in errors]
     return tuple(meshes), (*guides, *unfit)
 
 
@@ -110,7 +120,11 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
 
 
 def _asset(
-    source: str, opened: OpenStage, meshes: tuple[MeshAnimation, ...], left_out: tuple[str, ...]
+    source: str,
+    opened: OpenStage,
+    meshes: tuple[MeshAnimation, ...],
+    left_out: tuple[LeftOut, ...],
+    unseen: tuple[LeftOut, ...] = (),
 ) -> Asset:
     stage = opened.stage
     return Asset(
@@ -120,5 +134,9 @@ def _asset(
         up_axis=str(UsdGeom.GetStageUpAxis(stage)),
         meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
         fps=float(stage.GetTimeCodesPerSecond()),
-        notes=(*opened.warnings, *left_out),
+        notes=(
+            *opened.warnings,
+            *(f"{each.prim}: left out: {each.reason}" for each in left_out),
+        ),
+        left_out=(*left_out, *unseen),
     )

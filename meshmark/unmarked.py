@@ -1,0 +1,131 @@
+"""What of an asset holds no mark, and whether it may leave the house all the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from meshmark.animation import Asset, LeftOut, MeshAnimation
+from meshmark.errors import CapacityError, InputError
+from meshmark.geometry import face_areas
+from meshmark.validation import check
+
+# What is smaller than this, beside marked meshes, is worth nothing without them.
+CONSIDERABLE = 0.1
+ALL = "all"
+INSTANCED = "inside an instance, which a layer cannot override; --deliver can mark it"
+UNASKED = "not asked for with --prim"
+
+
+def split_fit(asset: Asset) -> Asset:
+    """Look at every frame, and leave out the meshes that no scheme could mark.
+
+    Raises
+    ------
+    InputError
+        If none is left; it says what is wrong with the first.
+    """
+    fit: list[MeshAnimation] = []
+    errors: list[InputError] = []
+    for mesh in asset.meshes:
+        try:
+            check(mesh)
+            if not mesh.constant_topology:
+                raise InputError(
+                    "the connectivity changes over time; a mark needs vertices that keep "
+                    "their identity",
+                    source=mesh.origin,
+                    prim=mesh.prim,
+                )
+        except InputError as error:
+            errors.append(error)
+        else:
+            fit.append(mesh)
+    if not fit:
+        raise errors[0]
+    unfit = (LeftOut(str(error.prim), _told(error)) for error in errors)
+    return replace(asset, meshes=tuple(fit), left_out=(*asset.left_out, *unfit))
+
+
+def unasked(asset: Asset, wanted: Sequence[str]) -> tuple[LeftOut, ...]:
+    """List what an asset holds besides the meshes that are wanted; nothing if all are."""
+    others = (LeftOut(mesh.prim, UNASKED) for mesh in asset.meshes if mesh.prim not in wanted)
+    return (*others, *asset.left_out) if wanted else ()
+
+
+def _told(error: InputError) -> str:
+    known = error.time is not None and error.time == error.time
+    return f"frame {error.time:g}: {error.message}" if known else error.message
+
+
+def split_in_place(asset: Asset) -> Asset:
+    """Leave out the meshes an override layer cannot reach.
+
+    Raises
+    ------
+    CapacityError
+        If no mesh is left.
+    """
+    reached = tuple(mesh for mesh in asset.meshes if mesh.in_place)
+    if not reached:
+        raise CapacityError(INSTANCED, source=asset.source, prim=asset.meshes[0].prim)
+    instanced = (LeftOut(mesh.prim, INSTANCED) for mesh in asset.meshes if not mesh.in_place)
+    return replace(asset, meshes=reached, left_out=(*asset.left_out, *instanced))
+
+
+def require_allowed(asset: Asset, allowed: Sequence[str]) -> None:
+    """Refuse to deliver an asset of which something was left out that nobody allowed.
+
+    Raises
+    ------
+    CapacityError
+        Naming the first, and how many there are.
+    """
+    _refuse(asset, [each for each in asset.left_out if not _allows(allowed, each.prim)])
+
+
+def require_small(asset: Asset, skipped: Sequence[LeftOut], allowed: Sequence[str]) -> None:
+    """Refuse to deliver an asset if the meshes that can hold no mark are a good part of it.
+
+    Parameters
+    ----------
+    asset : Asset
+        All its meshes, those skipped among them.
+    skipped : sequence of LeftOut
+        Those that can hold none.
+    allowed : sequence of str
+        Paths of prims that may go out unmarked, with all below them; or `all`.
+
+    Raises
+    ------
+    CapacityError
+        If those that nobody allowed have more than a tenth of the points, or of the area, of the
+        first frame.
+    """
+    loose = [each for each in skipped if not _allows(allowed, each.prim)]
+    names = {each.prim for each in loose}
+    first = {mesh.prim: mesh[0] for mesh in asset.meshes}
+    points = {prim: frame.topology.n_points for prim, frame in first.items()}
+    areas = {
+        prim: float(face_areas(frame.points, frame.faces).sum()) for prim, frame in first.items()
+    }
+    for sizes in (points, areas):
+        if sum(sizes[prim] for prim in names) > CONSIDERABLE * sum(sizes.values()):
+            _refuse(asset, loose)
+
+
+def _allows(allowed: Iterable[str], prim: str) -> bool:
+    return any(path in (ALL, prim) or prim.startswith(f"{path.rstrip('/')}/") for path in allowed)
+
+
+def _refuse(asset: Asset, unmarked: Sequence[LeftOut]) -> None:
+    if not unmarked:
+        return
+    first, others = unmarked[0], len(unmarked) - 1
+    more = f" (and {others} more)" if others else ""
+    raise CapacityError(
+        f"would be delivered unmarked{more}: {first.reason}; --allow-unmarked {first.prim} "
+        "lets it go",
+        source=asset.source,
+        prim=first.prim,
+    )
