@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -124,6 +125,14 @@ def test_written_digits_are_enough_for_float32(tmp_path):
         (["cow", "horse"], [1, 2]),
         (["a3", "b3"], [1, 2]),
         (["a.obj", "a2"], [1, 2]),
+        (["anim.-3", "anim.-1", "anim.0", "anim.2", "anim.10"], [-3, -1, 0, 2, 10]),
+        (["-2", "-10", "3"], [-10, -2, 3]),
+        (["anim-1", "anim-2", "anim-10"], [1, 2, 10]),
+        (["anim_-0.5", "anim_0", "anim_0.25"], [-0.5, 0, 0.25]),
+        (["anim.1.0", "anim.1.25", "anim.1.5", "anim.2.0"], [1, 1.25, 1.5, 2]),
+        (["1.5", "1.25"], [1.25, 1.5]),
+        (["shot.12.0001", "shot.12.0002", "shot.12.0010"], [1, 2, 10]),
+        (["v2.9", "v2.10"], [9, 10]),
     ],
 )
 def test_names_give_order_and_times(tmp_path, names, times):
@@ -131,6 +140,39 @@ def test_names_give_order_and_times(tmp_path, names, times):
         write_files(tmp_path, {f"{name}.obj": triangle()})
     (tmp_path / "notes.txt").write_text("not a frame")
     assert ObjFrames().read(str(tmp_path)).meshes[0].times.tolist() == times
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["body_1", "body_2", "lod_1", "lod_2"], r"body_\[-0-9\]\*\.obj \(2\), lod_"),
+        (["body_1", "body_2", "body"], r"body_\[-0-9\]\*\.obj \(2\), body\.obj \(1\)"),
+        (["a.1.5", "a.2", "b.1.5"], r"a\.\[-0-9\]\*\.obj \(2\), b\."),
+        (["walk1x", "walk2x", "cow", "horse"], r"walk\[-0-9\]\*x\.obj \(2\), cow"),
+        (["body_1", "body_01", "body_2"], r"body_0?1\.obj and body_0?1\.obj are the same frame"),
+        (["walk1x", "walk01x"], "are the same frame"),
+        (["a.1.1", "a.1.25", "a.1.5"], "may be 1 to 25 or 1.1 to 1.25, in another order"),
+    ],
+)
+def test_what_is_no_sequence_is_refused_by_name(tmp_path, names, words):
+    write_files(tmp_path / "f2", {f"{name}.obj": triangle() for name in names})
+    for source in (tmp_path / "f2", tmp_path / "f2" / "*.obj"):
+        with pytest.raises(InputError, match=words) as caught:
+            ObjFrames().read(str(source))
+        assert caught.value.source == str(source)
+        for pattern in re.findall("as in '(.*)'", caught.value.message):
+            frames = ObjFrames().read(pattern).meshes[0]
+            assert len(frames) == sum(name.startswith(names[0][:2]) for name in names[:2])
+
+
+def test_a_folder_for_each_frame_is_in_natural_order(tmp_path):
+    for i in (1, 2, 10):
+        write_files(tmp_path / f"f{i}", {"mesh.obj": triangle(i)})
+    mesh = ObjFrames().read(str(tmp_path / "*" / "mesh.obj")).meshes[0]
+    assert [frame.points[0, 0] for frame in mesh] == [1, 2, 10]
+    write_files(tmp_path / "g1", {"mesh.obj": triangle(1)})
+    with pytest.raises(InputError, match="more than one sequence"):
+        ObjFrames().read(str(tmp_path / "*" / "mesh.obj"))
 
 
 def test_natural_order_is_kept_in_the_frames(tmp_path):

@@ -97,7 +97,10 @@ def test_an_existing_empty_folder_is_filled(tmp_path):
         ([1, 3, 12], ["0001", "0003", "0012"]),
         ([9999, 10000], ["09999", "10000"]),
         ([1, 1.5], ["0001.0", "0001.5"]),
-        ([-1, 0, 1], ["0001", "0002", "0003"]),
+        ([-1, 0, 1], ["-0001", "0000", "0001"]),
+        ([-1.25, -0.5, 0, 10], ["-0000.50", "-0001.25", "0000.00", "0010.00"]),
+        ([1.001, 1.01, 1.1], ["0001.001", "0001.010", "0001.100"]),
+        ([1e-30, 1], ["0001", "0002"]),
         ([math.nan], ["0001"]),
     ],
 )
@@ -109,6 +112,8 @@ def test_new_files_are_named_by_time(tmp_path, times, names):
     write_new(asset, tmp_path / "out")
     assert sorted(path.stem for path in (tmp_path / "out").iterdir()) == names
     again = ObjFrames().read(str(tmp_path / "out")).meshes[0]
+    if times[0] != 1e-30 and not math.isnan(times[0]):
+        assert again.times.tolist() == times
     for before, after in zip(frames, again, strict=True):
         np.testing.assert_allclose(after.points, before.points, atol=1e-6)
 

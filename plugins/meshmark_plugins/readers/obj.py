@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -12,12 +11,7 @@ import numpy as np
 
 from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, MeshmarkError
-from meshmark_plugins.readers.obj_files import (
-    find_frames,
-    frame_times,
-    is_single,
-    looks_like_frames,
-)
+from meshmark_plugins.readers.obj_files import find_frames, looks_like_frames
 from meshmark_plugins.readers.obj_text import ObjText
 from meshmark_plugins.readers.obj_write import write_marked, write_new
 
@@ -28,8 +22,8 @@ class ObjFrames:
     """Reads OBJ sequences, and writes them back with other positions.
 
     All objects and groups of a file are one mesh, at prim "/". Times are the numbers the file
-    names end in if they all do and increase, else 1, 2, 3 and so on; a single file has none
-    (NaN). Texture coordinates, normals, materials and lines are left alone.
+    names end in, see `find_frames`; a single file has none (NaN). Texture coordinates, normals,
+    materials and lines are left alone.
 
     Notes
     -----
@@ -49,14 +43,13 @@ class ObjFrames:
             If there is no OBJ file, one cannot be read, or the first frame is no mesh; other
             frames report what is wrong with them when they are asked for.
         """
-        paths = find_frames(source)
-        times = [math.nan] if is_single(source, paths) else frame_times(paths)
-        files = ObjFiles(tuple(map(str, paths)), tuple(times))
+        found = find_frames(source)
+        files = ObjFiles(tuple(map(str, found.paths)), found.times)
         topology = files.frame(0).topology
         constant = _all_share(files, topology)
         frames = replace(files, topology=topology) if constant else files
         animation = MeshAnimation(
-            times=np.array(times), source=frames, constant_topology=constant, origin=source
+            times=np.array(found.times), source=frames, constant_topology=constant, origin=source
         )
         return Asset(source=source, meshes=(animation,), reader=NAME)
 

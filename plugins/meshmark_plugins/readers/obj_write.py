@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,10 +13,13 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Asset, Frame, Topology
 from meshmark.errors import InputError, OutputError, UsageError
-from meshmark_plugins.readers.obj_files import find_frames, frame_times, is_single
+from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
 
 FloatArray = NDArray[np.float64]
+
+# Enough for any time code of a second's fraction, and names stay far below what disks allow.
+MOST_DECIMALS = 18
 
 
 def write_marked(marked: Asset, original: Asset, output: Path) -> None:
@@ -43,28 +45,27 @@ def write_marked(marked: Asset, original: Asset, output: Path) -> None:
         If an .obj file is asked for several frames, or the copy's vertices or times are not
         the original's.
     """
-    paths = find_frames(original.source)
-    single = is_single(original.source, paths)
-    contents = _marked_contents(marked, paths, [math.nan] if single else frame_times(paths))
+    found = find_frames(original.source)
+    contents = _marked_contents(marked, found)
     if output.suffix.lower() == ".obj" and not output.is_dir():
-        if not single:
+        if not found.single:
             raise UsageError("several OBJ files need a folder to be written to", source=output)
-        if output.resolve() == paths[0].resolve():
+        if output.resolve() == found.paths[0].resolve():
             raise UsageError("the output must not be the source itself", source=output)
         with _new_file(output) as place:
             place.write_bytes(next(contents))
         return
     with _new_folder(output) as place:
-        for path, content in zip(paths, contents, strict=True):
+        for path, content in zip(found.paths, contents, strict=True):
             (place / path.name).write_bytes(content)
 
 
 def write_new(asset: Asset, output: Path) -> None:
     """Write any asset as OBJ files: one a frame, named by its time code padded with zeros.
 
-    Meshes become objects (`o` lines) of the same file. Times that are not whole numbers get
-    decimals in the name (a reader then counts frames 1, 2, 3 and so on); negative ones are
-    replaced by the frame's place in the sequence.
+    Meshes become objects (`o` lines) of the same file. Times get a sign and decimals in the name
+    where they need them, and are read back as they were; where a name cannot hold one, or there
+    is none, frames are counted 1, 2, 3 and so on.
 
     Parameters
     ----------
@@ -99,19 +100,17 @@ def write_new(asset: Asset, output: Path) -> None:
             (place / name).write_bytes(_frame_text(asset, index))
 
 
-def _marked_contents(
-    marked: Asset, paths: Sequence[Path], times: Sequence[float]
-) -> Iterator[bytes]:
+def _marked_contents(marked: Asset, found: FrameFiles) -> Iterator[bytes]:
     frames = {
         _clock_key(time): (mesh, index)
         for mesh in marked.meshes
         for index, time in enumerate(mesh.times)
     }
-    for key in frames.keys() - {_clock_key(time) for time in times}:
+    for key in frames.keys() - {_clock_key(time) for time in found.times}:
         raise UsageError(
             f"the marked copy holds frame {key}, which the original does not", source=marked.source
         )
-    for path, time in zip(paths, times, strict=True):
+    for path, time in zip(found.paths, found.times, strict=True):
         data = _read(path)
         if _clock_key(time) in frames:
             mesh, index = frames[_clock_key(time)]
@@ -143,11 +142,18 @@ def _read(path: Path) -> bytes:
 
 
 def _frame_names(times: FloatArray) -> list[str]:
-    if np.isnan(times).any() or times.min() < 0:
-        times = np.arange(1.0, len(times) + 1)
-    decimals = next((n for n in range(7) if np.array_equal(times.round(n), times)), 6)
-    width = max(4, len(str(int(times.max())))) + (decimals + 1 if decimals else 0)
-    return [f"{time:0{width}.{decimals}f}.obj" for time in times]
+    """Name files so that they read back as these times, or else as 1, 2, 3 and so on."""
+    decimals = next((n for n in range(MOST_DECIMALS) if _holds(times, n)), None)
+    if decimals is None:
+        times, decimals = np.arange(1.0, len(times) + 1), 0
+    digits = max(4, *(len(str(int(abs(time)))) for time in times))
+    width = digits + (decimals + 1 if decimals else 0)
+    return [f"{time:0{width + (time < 0)}.{decimals}f}.obj" for time in times]
+
+
+def _holds(times: FloatArray, decimals: int) -> bool:
+    """Tell whether times can be spelled with so many decimals."""
+    return all(float(f"{time:.{decimals}f}") == time for time in times.tolist())
 
 
 def _frame_text(asset: Asset, index: int) -> bytes:
