@@ -25,6 +25,8 @@ Matcher = Callable[[Sighting, Sighting], FloatArray]
 
 # Farthest that a tip may wander over the surface between two poses, as a share of the diagonal.
 WANDER = 0.05
+# Frames among which the one that sets the order is chosen.
+SAMPLED = 16
 # Worth of agreeing evidence beside agreeing shapes.
 AGREEMENT = 0.1
 # Stands for "out of the question" in sums that must stay finite.
@@ -85,10 +87,11 @@ class Aligned:
 
 
 def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
-    """Put the carriers of every frame into the order of the frame that shows the most.
+    """Put the carriers of every frame into the order of one that most others agree with.
 
     Carriers are matched one to one, at the least total cost. That needs no key, so a wrong
-    match costs evidence but never honesty.
+    match costs evidence but never honesty. The frame is the one whose carriers find the most
+    counterparts in the others, of equals the one that shows the most, then the first.
 
     Parameters
     ----------
@@ -103,8 +106,7 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
     sizes = [-1 if sighting is None else len(sighting.descriptors) for sighting in sightings]
     if max(sizes, default=-1) < 0:
         raise CapacityError("no carrier is found in any frame")
-    reference = sightings[int(np.argmax(sizes))]
-    assert reference is not None
+    reference = _most_matched(sightings, sizes, matcher)
     matches = [
         None if sighting is None else _matched(sighting, reference, matcher)
         for sighting in sightings
@@ -116,6 +118,19 @@ def aligned(sightings: Sequence[Sighting | None], matcher: Matcher) -> Aligned:
         return silent if sighting is None or match is None else _moved(sighting, *match, silent)
 
     return Aligned(Made(frame, len(sightings)), reference.log_prior)
+
+
+def _most_matched(
+    sightings: Sequence[Sighting | None], sizes: Sequence[int], matcher: Matcher
+) -> Sighting:
+    """Choose the sighting whose carriers are found most often in the others, among some."""
+    shown = [index for index, size in enumerate(sizes) if size >= 0]
+    places = np.linspace(0, len(shown) - 1, min(len(shown), SAMPLED)).round().astype(int)
+    asked = {shown[place] for place in places} | {int(np.argmax(sizes))}
+    ordered = sorted(asked, key=lambda index: (-sizes[index], index))
+    some = [sighting for sighting in (sightings[index] for index in ordered) if sighting]
+    found = [sum(_matched(own, other, matcher)[0].size for own in some) for other in some]
+    return some[int(np.argmax(found))]
 
 
 def _silence(sighting: Sighting) -> FrameEvidence:

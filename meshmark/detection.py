@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.breakdown import breakdown_means_no_capacity
+from meshmark.candidates import Candidate
 from meshmark.carrier import Sighting, sighting_of
-from meshmark.errors import CapacityError
+from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
 from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.parallel import ordered_map
+from meshmark.reference_frame import readable, reference_frame
 from meshmark.restoration import unsmooth
 from meshmark.spool import Made, Spool
 from meshmark.strand import Strand, in_steps
@@ -80,9 +82,17 @@ class Observer:
         frame = self.animation[self.reference]
         return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
 
-    def __call__(self, index: int) -> Sightings:
-        """Measure frame `index` under every restoration; None where nothing is found."""
-        frame = self.animation[index]
+    def __call__(self, index: int) -> Sightings | InputError:
+        """Measure frame `index` under every restoration; None where nothing is found.
+
+        A frame that cannot be read gives the reason.
+        """
+        try:
+            frame = readable(self.animation, index)
+        except InputError as error:
+            return error
+        except CapacityError:
+            return (None,) * len(self.restorations)
         return tuple(_compact(self._sight(unsmooth(frame, n), n)) for n in self.restorations)
 
     def _sight(self, frame: Frame, restored: int) -> Sighting | None:
@@ -110,8 +120,8 @@ class Extraction:
 
     Parameters
     ----------
-    animation : MeshAnimation
-        The copy.
+    candidate : Candidate or MeshAnimation
+        The copy, or a part of it.
     scheme : Scheme or JointScheme
         What is measured.
     scheme_name : str
@@ -121,9 +131,21 @@ class Extraction:
     """
 
     def __init__(
-        self, animation: MeshAnimation, scheme: AnyScheme, scheme_name: str, *, jobs: int = 1
+        self,
+        candidate: Candidate | MeshAnimation,
+        scheme: AnyScheme,
+        scheme_name: str,
+        *,
+        jobs: int = 1,
     ) -> None:
-        self.animation, self.scheme, self.name, self.jobs = animation, scheme, scheme_name, jobs
+        if isinstance(candidate, MeshAnimation):
+            candidate = Candidate(candidate)
+        self.candidate, self.animation = candidate, candidate.animation
+        self.scheme, self.name, self.jobs = scheme, scheme_name, jobs
+        # The frame that others are compared with; the first look chooses one among its own.
+        self.reference = candidate.reference
+        # Frames that cannot be read, and why.
+        self.unreadable: dict[int, InputError] = {}
         # Numbers of sightings by frame and restoration; of long animations there is much.
         self._seen: dict[tuple[int, int], int] = {}
         self._spool: Spool[Sighting | None] = Spool()
@@ -136,6 +158,19 @@ class Extraction:
         """Every hypothesis of smoothing the scheme wants undone, 0 first."""
         return self.scheme.restorations if isinstance(self.scheme, JointScheme) else (0,)
 
+    def settle(self, frames: Sequence[int] | None = None) -> int:
+        """Choose the frame that others are compared with, among some or all; only once.
+
+        Raises
+        ------
+        InputError
+            If none can be read.
+        """
+        if self.reference is None:
+            among = range(len(self.animation)) if frames is None else frames
+            self.reference = reference_frame(self.animation, among)
+        return self.reference
+
     def look(
         self,
         frames: Sequence[int],
@@ -145,33 +180,40 @@ class Extraction:
         """Measure the frames that were not yet, and return the evidence of them all.
 
         A joint scheme is not shown frames that are mere blends of their neighbours; how many
-        were passed over is kept in `passed_over`.
+        were passed over is kept in `passed_over`. So are frames that cannot be read, which are
+        kept in `unreadable`.
 
         Raises
         ------
         CapacityError
             If the scheme finds no carrier in any of the frames.
         InputError
-            If a frame cannot be read.
+            If none of the frames can be read.
         """
         wanted = self.restorations if restorations is None else restorations
+        self.settle(frames)
         if isinstance(self.scheme, JointScheme):
             asked, frames = frames, own_poses(self.animation, frames)
             self.asked, self.passed_over = len(asked), len(asked) - len(frames)
+        frames = self._readable(frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
         done = len(frames) - len(missing)
         try:
             if missing:
-                observer = Observer(self.animation, self.scheme, new, frames[0])
+                observer = Observer(self.animation, self.scheme, new, self.settle())
                 for t, sightings in zip(
                     missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
                 ):
-                    for n, sighting in zip(new, sightings, strict=True):
-                        self._keep(t, n, sighting)
+                    if isinstance(sightings, InputError):
+                        self.unreadable[t] = sightings
+                    else:
+                        for n, sighting in zip(new, sightings, strict=True):
+                            self._keep(t, n, sighting)
                     done += 1
                     if progress is not None:
                         progress(done, len(frames))
+            frames = self._readable(frames)
             strands = tuple(self._strand(frames, n) for n in wanted)
         except CapacityError as error:
             raise CapacityError(
@@ -192,14 +234,29 @@ class Extraction:
             strands=kept,
             tracked=self.animation.constant_topology,
             decisive=self._decisive,
+            part=self.candidate.part,
+            also=self.candidate.also,
         )
+
+    def _readable(self, frames: Sequence[int]) -> list[int]:
+        """Leave out the frames that could not be read.
+
+        Raises
+        ------
+        InputError
+            If that is all of them; the first one's reason.
+        """
+        kept = [t for t in frames if t not in self.unreadable]
+        if not kept:
+            raise self.unreadable[frames[0]]
+        return kept
 
     def _strand(self, frames: Sequence[int], restored: int) -> Strand | None:
         numbers = [self._seen[t, restored] for t in frames]
         sightings = Made(lambda i: self._spool[numbers[i]], len(numbers))
         if all(sighting is None for sighting in sightings):
             return None
-        found = aligned(sightings, self._matcher(frames))
+        found = aligned(sightings, self._matcher())
         return Strand(
             restored=restored,
             log_belief=self._log_belief(restored),
@@ -219,14 +276,14 @@ class Extraction:
         belief = UNTOUCHED if restored == 0 else (1.0 - UNTOUCHED) / others
         return float(np.log(belief))
 
-    def _matcher(self, frames: Sequence[int]) -> Matcher:
+    def _matcher(self) -> Matcher:
         if not self.animation.constant_topology:
             return by_looks
         if not isinstance(self.scheme, JointScheme):
             # Trajectories keep carriers in one order; matching alike ones could only mix them up.
             return in_order
-        first = self.animation[frames[0]]
-        return by_place(Welding.of(first).frame(first).points)
+        reference = self.animation[self.settle()]
+        return by_place(Welding.of(reference).frame(reference).points)
 
 
 def extract(

@@ -35,7 +35,11 @@ class MeshmarkError(Exception):
         self.time = time
 
     def __str__(self) -> str:
-        where = [part for part in (self.source, self.prim) if part]
+        return f"{self.source}: {self.without_source()}" if self.source else self.without_source()
+
+    def without_source(self) -> str:
+        """Say what is wrong where, where it is clear which file is meant."""
+        where = [self.prim] if self.prim else []
         if self.time is not None and self.time == self.time:
             where.append(f"frame {self.time:g}")
         return ": ".join([*where, self.message])

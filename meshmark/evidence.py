@@ -39,6 +39,10 @@ class Evidence:
         of different frames were matched by what they look like, which can go wrong.
     decisive : float
         Evidence that a chip must exceed to count as a bit in bit error rates.
+    part : str
+        Which part of the mesh was measured; empty for all of it.
+    also : tuple of str
+        Further meshes that have parts in it.
     """
 
     prim: str
@@ -48,6 +52,8 @@ class Evidence:
     strands: tuple[Strand, ...]
     tracked: bool = True
     decisive: float = 0.0
+    part: str = ""
+    also: tuple[str, ...] = ()
 
     @cached_property
     def held(self) -> BoolArray:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from meshmark.animation import MeshAnimation
+from meshmark.errors import InputError
 
 # Farthest that a blend lies from the straight line between its neighbours, as a share of what
 # moves between them: well above rounding to float32, well below what bends in a real motion.
@@ -49,7 +50,11 @@ def is_blend(animation: MeshAnimation, index: int) -> bool:
     times = animation.times[index - 1 : index + 2]
     if not np.all(np.diff(times) > 0.0):
         return False
-    before, own, after = (animation[t].points for t in range(index - 1, index + 2))
+    try:
+        before, own, after = (animation[t].points for t in range(index - 1, index + 2))
+    except InputError:
+        # Nothing can be said beside a frame that cannot be read.
+        return False
     share = (times[1] - times[0]) / (times[2] - times[0])
     motion = after - before
     away = np.linalg.norm(own - before - share * motion)

@@ -47,25 +47,44 @@ class Finding:
 
 def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> Finding:
     """Try one key and recipient on the evidence."""
-    return judge_best(evidence, key, (recipient,))
+    return judge_each(evidence, key, (recipient,))[0]
 
 
-def judge_best(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> Finding:
-    """Try a key and several recipients on the evidence, and return what fits best.
+def judge_each(
+    evidence: Evidence,
+    key: Key,
+    recipients: Sequence[str | None],
+    log10_limit: float = -np.inf,
+) -> list[Finding]:
+    """Try a key and several recipients on the evidence.
 
     The search among them is not paid for here: its price is for the caller to add.
+
+    Parameters
+    ----------
+    log10_limit : float
+        Whatever fits at least as well as this is told, too.
+
+    Returns
+    -------
+    list of Finding
+        The recipient that fits best, then the others that fit as well as the limit asks.
     """
     words = np.array([evidence.words(key, recipient) for recipient in recipients])
     log10_p, alone = _judged(evidence, words)
-    best = int(np.argmin(log10_p))
-    if best not in alone:
-        alone[best] = _alone(evidence, words[[best]])[:, 0]
-    return Finding(
-        recipient=recipients[best],
-        log10_p=float(log10_p[best]),
-        log10_p_per_frame=np.minimum(0.0, alone[best]),
-        errors=bit_errors(evidence, words[best]),
-    )
+    order = np.argsort(log10_p, kind="stable")
+    told = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
+    return [
+        Finding(
+            recipient=recipients[n],
+            log10_p=float(log10_p[n]),
+            log10_p_per_frame=np.minimum(
+                0.0, alone[n] if n in alone else _alone(evidence, words[[n]])[:, 0]
+            ),
+            errors=bit_errors(evidence, words[n]),
+        )
+        for n in told
+    ]
 
 
 def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:

@@ -125,12 +125,13 @@ def mark_file(
     if not dry_run:
         write(complete(marked))
     written = marked.asset if dry_run else reread(marked, target)
-    # Nobody smoothed what was written just now.
+    # Nobody smoothed what was written just now, or joined anything to it.
     evidence = gather(
         written,
         recipes=[recipe],
         frames=frames,
         restored=False,
+        parts=False,
         jobs=jobs,
         progress=_stage(progress, "verify"),
     )

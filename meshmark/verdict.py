@@ -2,24 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshmark.evidence import Evidence
 from meshmark.json_values import number
-from meshmark.judging import Finding, judge_best
+from meshmark.judging import Finding, judge_each
 from meshmark.keys import Key
 from meshmark.pool import one_thread
 
+FloatArray = NDArray[np.float64]
+
 Answer = Literal["marked", "not marked", "inconclusive"]
+
+# Stands for no share at all, where a logarithm is taken.
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Named:
+    """Somebody whose words are in a copy.
+
+    Parameters
+    ----------
+    recipient : str or None
+        A recipient; None for the owner's own words.
+    log10_p : float
+        Bound on the probability of that by chance, all searches paid for.
+    times : tuple of float
+        Time codes of the frames that show it by themselves.
+    """
+
+    recipient: str | None
+    log10_p: float
+    times: tuple[float, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of this name under `recipients` of a mesh."""
+        return {
+            "recipient": self.recipient,
+            "log10_p": self.log10_p,
+            "times": [number(time) for time in self.times],
+        }
 
 
 @dataclass(frozen=True)
 class PrimVerdict:
-    """The answer for one mesh, from the scheme and recipient that fit it best."""
+    """The answer for one mesh, from the part, scheme and recipient that fit it best."""
 
     prim: str
     scheme: str
@@ -29,6 +62,9 @@ class PrimVerdict:
     chips: int
     times: tuple[float, ...]
     finding: Finding
+    part: str = ""
+    also: tuple[str, ...] = ()
+    recipients: tuple[Named, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this mesh in `verify --json`."""
@@ -36,9 +72,12 @@ class PrimVerdict:
         frames = zip(self.times, self.finding.log10_p_per_frame, errors.per_frame, strict=True)
         return {
             "prim": self.prim,
+            "part": self.part,
+            "also": list(self.also),
             "scheme": self.scheme,
             "verdict": self.verdict,
             "log10_p": self.log10_p,
+            "recipients": [named.as_json() for named in self.recipients],
             "frames": len(self.times),
             "chips": self.chips,
             "ber": {"avg": number(errors.average), "max": number(errors.maximum)},
@@ -63,7 +102,8 @@ class Verdict:
     log10_p : float
         Bound on the probability that a random key does as well, all searches paid for.
     recipient : str or None
-        Whose copy, if it is marked and the words of a recipient fit.
+        Whose copy, if it is marked and the words of a recipient fit: of several, the one that
+        fits best.
     elapsed_s : float
         Seconds spent.
     prims : tuple of PrimVerdict
@@ -72,6 +112,8 @@ class Verdict:
         What could not be looked at, and why.
     unauthenticated : Verdict or None
         What evidence says that anybody may have written, if there is no other.
+    recipients : tuple of Named
+        Everybody whose words are in it, what fits best first; `prims` tell where.
     """
 
     source: str
@@ -82,6 +124,7 @@ class Verdict:
     prims: tuple[PrimVerdict, ...]
     notes: tuple[str, ...] = ()
     unauthenticated: Verdict | None = None
+    recipients: tuple[Named, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this source in `verify --json`."""
@@ -91,6 +134,7 @@ class Verdict:
             "verdict": self.verdict,
             "log10_p": self.log10_p,
             "recipient": self.recipient,
+            "recipients": [named.recipient for named in self.recipients],
             "elapsed_s": round(self.elapsed_s, 3),
             "prims": [prim.as_json() for prim in self.prims],
         }
@@ -128,28 +172,40 @@ def decide(
     Notes
     -----
     The best of n hypotheses is worth n times its p (union bound): schemes and recipients for
-    each mesh, meshes for the source; a verdict that may spend a share of the rate, its p over
-    that share.
+    each mesh; a verdict that may spend a share of the rate, its p over that share. Meshes and
+    parts of meshes share what a scheme may spend by what they could show, see `shares`: a part
+    with the share w is worth its p over w.
     """
     hypotheses: tuple[str | None, ...] = (None, *recipients)
     price = float(np.log10(n_schemes * len(hypotheses) / share))
-    by_prim: dict[str, list[Evidence]] = {}
-    for item in evidence:
-        by_prim.setdefault(item.prim, []).append(item)
+    log10_fpr = float(np.log10(fpr))
+    prices = price - shares(evidence)
     # Last digits must not depend on whether evidence was measured just now or read from a file.
     with one_thread():
-        prims = tuple(
-            _decide_prim(items, key, hypotheses, price, float(np.log10(fpr)))
-            for items in by_prim.values()
-        )
-    if not prims:
+        judged = [
+            _Judged.of(item, key, hypotheses, float(own), log10_fpr)
+            for item, own in zip(evidence, prices, strict=True)
+        ]
+    if not judged:
         return Verdict(source, "inconclusive", 0.0, None, elapsed_s, (), tuple(notes))
-    best = min(prims, key=lambda prim: prim.log10_p)
-    log10_p = min(0.0, best.log10_p + float(np.log10(len(prims))))
-    reachable = min(item.reachable_log10_p for item in evidence) + price + np.log10(len(prims))
-    answer = _answer(log10_p, float(reachable), float(np.log10(fpr)))
-    recipient = best.recipient if answer == "marked" else None
-    return Verdict(source, answer, log10_p, recipient, elapsed_s, prims, tuple(notes))
+    by_prim: dict[str, list[_Judged]] = {}
+    for one in judged:
+        for prim in (one.evidence.prim, *one.evidence.also):
+            by_prim.setdefault(prim, []).append(one)
+    prims = tuple(_prim_verdict(prim, ones, log10_fpr) for prim, ones in by_prim.items())
+    best = min(judged, key=lambda one: one.log10_p)
+    answer = _answer(best.log10_p, min(one.reachable for one in judged), log10_fpr)
+    found = _best_of_each(named for one in judged for named in one.named)
+    return Verdict(
+        source=source,
+        verdict=answer,
+        log10_p=best.log10_p,
+        recipient=best.findings[0].recipient if answer == "marked" else None,
+        elapsed_s=elapsed_s,
+        prims=prims,
+        notes=tuple(notes),
+        recipients=found,
+    )
 
 
 def without_weight(verdict: Verdict) -> Verdict:
@@ -164,27 +220,94 @@ def without_weight(verdict: Verdict) -> Verdict:
     return replace(nothing, unauthenticated=verdict)
 
 
-def _decide_prim(
-    items: Sequence[Evidence],
-    key: Key,
-    hypotheses: Sequence[str | None],
-    price: float,
-    log10_fpr: float,
-) -> PrimVerdict:
-    found = [(item, judge_best(item, key, hypotheses)) for item in items]
-    evidence, finding = min(found, key=lambda pair: pair[1].log10_p)
-    log10_p = min(0.0, finding.log10_p + price)
-    reachable = min(item.reachable_log10_p for item in items) + price
+def shares(evidence: Sequence[Evidence]) -> FloatArray:
+    """Share a scheme's rate among the meshes and parts it was tried on, (n,), in log10.
+
+    By the square of what each could reach at best, in decades: no key is needed to tell that,
+    and hundreds of cubes that hold no chips beside a body then cost it nothing.
+    """
+    reach = np.array([item.reachable_log10_p for item in evidence]) ** 2
+    schemes = np.array([item.scheme for item in evidence])
+    total = np.array([reach[schemes == scheme].sum() for scheme in schemes])
+    count = np.array([np.sum(schemes == scheme) for scheme in schemes])
+    share = np.where(total > 0.0, reach / np.maximum(total, TINY), 1.0 / np.maximum(count, 1))
+    return np.log10(np.maximum(share, TINY))
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What a key makes of one mesh, or part of one, by one scheme; all is paid for."""
+
+    evidence: Evidence
+    findings: Sequence[Finding]
+    price: float
+    log10_fpr: float
+
+    @classmethod
+    def of(
+        cls,
+        evidence: Evidence,
+        key: Key,
+        hypotheses: Sequence[str | None],
+        price: float,
+        log10_fpr: float,
+    ) -> _Judged:
+        """Try a key and every recipient."""
+        findings = judge_each(evidence, key, hypotheses, log10_fpr - price)
+        return cls(evidence, findings, price, log10_fpr)
+
+    def paid(self, log10_p: float) -> float:
+        """Pay for what was searched."""
+        return min(0.0, log10_p + self.price)
+
+    @property
+    def log10_p(self) -> float:
+        """Bound for what fits best."""
+        return self.paid(self.findings[0].log10_p)
+
+    @property
+    def reachable(self) -> float:
+        """Lowest bound that the best of keys could reach."""
+        return self.evidence.reachable_log10_p + self.price
+
+    @property
+    def named(self) -> Iterator[Named]:
+        """Everybody whose words are in it."""
+        for finding in self.findings:
+            log10_p = self.paid(finding.log10_p)
+            if log10_p <= self.log10_fpr:
+                alone = finding.log10_p_per_frame + self.price <= self.log10_fpr
+                times = self.evidence.times[alone]
+                yield Named(finding.recipient, log10_p, tuple(times.tolist()))
+
+
+def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> PrimVerdict:
+    best = min(judged, key=lambda one: one.log10_p)
+    evidence, finding = best.evidence, best.findings[0]
+    others = tuple(name for name in (evidence.prim, *evidence.also) if name != prim)
     return PrimVerdict(
-        prim=evidence.prim,
+        prim=prim,
         scheme=evidence.scheme,
-        verdict=_answer(log10_p, reachable, log10_fpr),
-        log10_p=log10_p,
+        verdict=_answer(best.log10_p, min(one.reachable for one in judged), log10_fpr),
+        log10_p=best.log10_p,
         recipient=finding.recipient,
         chips=evidence.chips,
         times=tuple(float(t) for t in evidence.times),
         finding=finding,
+        part=evidence.part,
+        also=others,
+        recipients=_best_of_each(named for one in judged for named in one.named),
     )
+
+
+def _best_of_each(named: Iterable[Named]) -> tuple[Named, ...]:
+    """Keep the lowest p of everybody, and all frames that show them, the lowest p first."""
+    best: dict[str | None, Named] = {}
+    for one in named:
+        known = best.get(one.recipient, one)
+        times = tuple(sorted({*known.times, *one.times}))
+        best[one.recipient] = replace(min(known, one, key=lambda n: n.log10_p), times=times)
+    return tuple(sorted(best.values(), key=lambda one: one.log10_p))
 
 
 def _answer(log10_p: float, reachable: float, log10_fpr: float) -> Answer:

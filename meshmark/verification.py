@@ -10,9 +10,10 @@ from functools import partial
 import numpy as np
 
 from meshmark.animation import Asset, MeshAnimation
+from meshmark.candidates import Candidate, candidates
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.detection import Extraction
-from meshmark.errors import CapacityError
+from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
 from meshmark.keys import Key, unique_recipients
 from meshmark.marking import MeshProgress, as_asset
@@ -20,7 +21,6 @@ from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe
 from meshmark.timeline import AUTO, frames_in
-from meshmark.validation import check
 from meshmark.verdict import Verdict, decide, without_weight
 
 
@@ -70,6 +70,7 @@ def gather(
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
     restored: bool = True,
+    parts: bool = True,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> AssetEvidence:
@@ -83,47 +84,99 @@ def gather(
         Range A:B[:S] of time codes to look at; all by default.
     restored : bool
         Whether to look, too, at what the copy was before it may have been smoothed.
+    parts : bool
+        Whether to look, too, at parts of meshes, and at meshes put together, by themselves.
+
+    Raises
+    ------
+    InputError
+        If no frame of any mesh can be read.
     """
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     tried = tuple(recipes) or all_schemes()
-    for animation in whole.meshes:
-        check(animation)
+    wanted = candidates(whole) if parts else [Candidate(mesh) for mesh in whole.meshes]
+    survey = _Survey(progress)
     items: list[Evidence] = []
-    notes: list[str] = []
     for recipe in tried:
-        for view in _views(whole, recipe, jobs):
+        for view in _views(wanted, recipe, jobs):
             chosen = frames_in(view.animation, frames)
-            try:
-                restorations = view.restorations if restored else (0,)
-                items.append(view.look(chosen, restorations, _told(progress, view)))
-            except CapacityError as error:
-                notes.append(_note(view, error))
-            notes.extend(_passed_over(view))
+            restorations = view.restorations if restored else (0,)
+            items += survey.evidence(view, chosen, restorations)
+            survey.conclude(view)
     elapsed = time.perf_counter() - start
-    return AssetEvidence(whole.source, tuple(items), len(tried), tuple(notes), elapsed)
+    return AssetEvidence(whole.source, tuple(items), len(tried), survey.told(), elapsed)
 
 
-def _views(asset: Asset, recipe: Recipe, jobs: int) -> list[Extraction]:
+def _views(wanted: Sequence[Candidate], recipe: Recipe, jobs: int) -> list[Extraction]:
     scheme = recipe.build()
-    return [Extraction(mesh, scheme, recipe.scheme, jobs=jobs) for mesh in asset.meshes]
+    return [Extraction(candidate, scheme, recipe.scheme, jobs=jobs) for candidate in wanted]
 
 
-def _told(progress: MeshProgress | None, view: Extraction) -> Callable[[int, int], None] | None:
-    return None if progress is None else partial(progress, view.animation.prim)
+class _Survey:
+    """Looks at one candidate after the other, and keeps what must be said of them.
 
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with (prim, frames done, frames in all).
+    """
 
-def _note(view: Extraction, error: CapacityError) -> str:
-    return f"{view.animation.prim}: {view.name}: {error.message}"
+    def __init__(self, progress: MeshProgress | None) -> None:
+        self._progress = progress
+        self._notes: list[str] = []
+        self._unreadable: dict[str, InputError] = {}
+        self._reasons: dict[int, CapacityError] = {}
+        self._has_read = False
 
+    def evidence(
+        self, view: Extraction, frames: Sequence[int], restorations: tuple[int, ...]
+    ) -> list[Evidence]:
+        """Measure some frames; nothing where there is nothing to measure."""
+        try:
+            found = view.look(frames, restorations, self._told(view))
+        except CapacityError as error:
+            self._has_read = True
+            self._reasons[id(view)] = error
+            return []
+        except InputError as error:
+            self._unreadable.setdefault(view.candidate.name, error)
+            return []
+        self._has_read = True
+        self._reasons.pop(id(view), None)
+        return [found]
 
-def _passed_over(view: Extraction) -> list[str]:
-    if view.passed_over == 0:
-        return []
-    return [
-        f"{view.animation.prim}: {view.name}: {view.passed_over} of {view.asked} frames are "
-        "blends of those beside them, and were passed over"
-    ]
+    def conclude(self, view: Extraction) -> None:
+        """Keep what must be said of a candidate by a scheme, when no more is asked of it."""
+        reason = self._reasons.get(id(view))
+        # What parts cannot hold is nothing that the mesh they belong to could not.
+        if reason is not None and not view.candidate.part:
+            self._notes.append(f"{view.candidate.name}: {view.name}: {reason.message}")
+        if view.passed_over:
+            self._notes.append(
+                f"{view.candidate.name}: {view.name}: {view.passed_over} of {view.asked} frames "
+                "are blends of those beside them, and were passed over"
+            )
+        for error in view.unreadable.values():
+            if not view.candidate.part:
+                self._unreadable.setdefault(f"{view.candidate.name} {error.time}", error)
+
+    def told(self) -> tuple[str, ...]:
+        """Return all that must be said.
+
+        Raises
+        ------
+        InputError
+            If nothing at all could be read; the first reason.
+        """
+        errors = list(self._unreadable.values())
+        if errors and not self._has_read:
+            raise errors[0]
+        unread = (f"passed over: {error.without_source()}" for error in errors)
+        return (*dict.fromkeys(unread), *self._notes)
+
+    def _told(self, view: Extraction) -> Callable[[int, int], None] | None:
+        return None if self._progress is None else partial(self._progress, view.candidate.name)
 
 
 @sharing_workers
@@ -160,7 +213,7 @@ def verify(
     Raises
     ------
     InputError
-        If a frame cannot be read.
+        If no frame of any mesh can be read.
     """
     if frames == AUTO:
         return verify_in_looks(
@@ -196,23 +249,15 @@ def verify_in_looks(
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     tried = tuple(recipes) or all_schemes()
     names = unique_recipients(recipients)
-    for animation in whole.meshes:
-        check(animation)
+    wanted = candidates(whole)
+    survey = _Survey(progress)
     best: Verdict | None = None
-    notes: list[str] = []
     for recipe in tried:
-        views = _views(whole, recipe, jobs)
-        for number, look in enumerate(LOOKS):
-            items: list[Evidence] = []
-            for view in views:
-                try:
-                    items.append(look.at(view, _told(progress, view)))
-                except CapacityError as error:
-                    if number == len(LOOKS) - 1:
-                        notes.append(_note(view, error))
+        views = _views(wanted, recipe, jobs)
+        for look in LOOKS:
             verdict = decide(
                 whole.source,
-                items,
+                [item for view in views for item in look.at(view, survey)],
                 key,
                 recipients=names,
                 fpr=fpr,
@@ -223,11 +268,12 @@ def verify_in_looks(
                 best = verdict
             if verdict.verdict == "marked":
                 break
-        notes.extend(note for view in views for note in _passed_over(view))
+        for view in views:
+            survey.conclude(view)
         if best is not None and best.verdict == "marked":
             break
     assert best is not None
-    return replace(best, elapsed_s=time.perf_counter() - start, notes=tuple(notes))
+    return replace(best, elapsed_s=time.perf_counter() - start, notes=survey.told())
 
 
 def _better(new: Verdict, old: Verdict) -> bool:
@@ -245,8 +291,7 @@ class Look:
     Parameters
     ----------
     frames : int or None
-        Number of frames, evenly spaced from the first, beside those of smaller looks; None
-        for all.
+        Number of frames, evenly spaced, beside those of smaller looks; None for all.
     restored : bool
         Whether smoothing is undone, too.
     share : float
@@ -257,18 +302,25 @@ class Look:
     restored: bool
     share: float
 
-    def at(self, view: Extraction, progress: Callable[[int, int], None] | None) -> Evidence:
+    def at(self, view: Extraction, survey: _Survey) -> list[Evidence]:
         """Measure that much of a mesh; what was measured before is not measured again."""
-        chosen = self.chosen(len(view.animation))
-        return view.look(chosen, view.restorations if self.restored else (0,), progress)
+        try:
+            chosen = self.chosen(len(view.animation), view.settle())
+        except InputError:
+            # The look itself says so.
+            chosen = list(range(len(view.animation)))
+        return survey.evidence(view, chosen, view.restorations if self.restored else (0,))
 
-    def chosen(self, total: int) -> list[int]:
-        """Spread the frames evenly over `total`, those of all smaller looks among them."""
+    def chosen(self, total: int, first: int = 0) -> list[int]:
+        """Spread the frames evenly over `total`, `first` and those of all smaller looks included.
+
+        A look at one frame is at `first`.
+        """
         if self.frames is None:
             return list(range(total))
-        smaller = [look.frames for look in LOOKS if look.frames and look.frames <= self.frames]
+        smaller = [n for look in LOOKS if (n := look.frames or 0) and 1 < n <= self.frames]
         spread = [np.linspace(0, total - 1, min(n, total)).round() for n in smaller]
-        return np.unique(np.concatenate(spread)).astype(int).tolist()
+        return np.unique(np.concatenate([[first], *spread])).astype(int).tolist()
 
 
 # Half of the rate is kept for the look at everything: what few frames cannot show, all must.
