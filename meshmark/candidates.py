@@ -17,7 +17,8 @@ from meshmark.animation import Asset, Frame, FrameSource, MeshAnimation, Topolog
 from meshmark.components import seams, sewn, surface_components
 from meshmark.errors import CapacityError, InputError
 from meshmark.geometry import face_areas
-from meshmark.reference_frame import readable, reference_frame
+from meshmark.reference_frame import groups, readable, reference_frame
+from meshmark.topology import face_components
 from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
@@ -68,11 +69,17 @@ def candidates(asset: Asset) -> list[Candidate]:
     several surfaces of `FEWEST_VERTICES` or more, each of them, and, of the largest, runs of
     them in the order of their faces: a program that joins meshes keeps each of them together.
 
+    Where frames do not agree with each other, those that do are tried by themselves.
+
     Frames that cannot be read, and meshes of which none can be, are no reason to stop here.
     """
-    bodies = [_Body.of(mesh) for mesh in asset.meshes]
     found = [Candidate(mesh) for mesh in asset.meshes]
-    known = [body for body in bodies if body is not None]
+    known: list[_Body] = []
+    for mesh in asset.meshes:
+        bodies = _bodies(mesh)
+        known += bodies
+        if len(bodies) > 1:
+            found += [Candidate(body.mesh, body.part, reference=body.reference) for body in bodies]
     for group in _cut_apart(known):
         known = [body for body in known if body not in group]
         whole = _Joined.of(group)
@@ -90,29 +97,29 @@ class _Body:
     Parameters
     ----------
     mesh : MeshAnimation
-        The mesh.
+        The mesh, or some of its frames.
     reference : int
         The frame.
     frame : Frame
         What it shows.
     welding : Welding
         How its points map to the vertices that are analysed.
+    part : str
+        Which frames they are; empty for all.
     """
 
     mesh: MeshAnimation
     reference: int
     frame: Frame
     welding: Welding
+    part: str = ""
 
     @classmethod
-    def of(cls, mesh: MeshAnimation) -> _Body | None:
-        """Look at a mesh; None if no frame can be read, or none has faces."""
-        try:
-            reference = reference_frame(mesh, range(len(mesh)))
-            frame = readable(mesh, reference)
-            return cls(mesh, reference, frame, Welding.of(frame))
-        except (InputError, CapacityError):
-            return None
+    def of(cls, mesh: MeshAnimation, part: str) -> _Body:
+        """Look at a mesh."""
+        reference = reference_frame(mesh, range(len(mesh)))
+        frame = readable(mesh, reference)
+        return cls(mesh, reference, frame, Welding.of(frame), part)
 
     @property
     def tracked(self) -> bool:
@@ -128,6 +135,22 @@ class _Body:
     def faces(self) -> IntArray:
         """Triangles over them, (F, 3)."""
         return self.welding.topology.triangles
+
+
+def _bodies(mesh: MeshAnimation) -> list[_Body]:
+    """Look at a mesh, and where its frames do not agree, at each group that does."""
+    try:
+        apart = groups(mesh)
+        if len(apart) == 1:
+            return [_Body.of(mesh, "")]
+        times = [f"{mesh.times[group[0]]:g}" for group in apart]
+        return [
+            _Body.of(mesh.select(group), f"{len(group)} frames like frame {time}")
+            for group, time in zip(apart, times, strict=True)
+        ]
+    except (InputError, CapacityError):
+        # Whatever cannot be looked at is no candidate beside the mesh itself.
+        return []
 
 
 @dataclass(frozen=True)
@@ -205,6 +228,7 @@ class _Joined:
 
     def candidate(self, chosen: IntArray, part: str) -> Candidate:
         """Make a candidate of some triangles."""
+        part = ", ".join(filter(None, (part, self.bodies[0].part)))
         used, local = np.unique(self.faces[chosen], return_inverse=True)
         first, *others = (body.mesh for body in self.bodies)
         frames = PartFrames(
@@ -270,11 +294,12 @@ def _surfaces(whole: _Joined) -> list[Candidate]:
 
 def _large(V: FloatArray, F: IntArray, label: IntArray) -> list[int]:
     """List the surfaces to try, the ones of the most vertices first; none if one is all but all."""
-    areas = np.bincount(label, face_areas(V, F))
-    # Triangles of a closed surface are twice as many as its vertices.
-    faces = np.bincount(label)
-    if areas.max() >= (1.0 - NEGLIGIBLE) * areas.sum() and areas.argmax() == faces.argmax():
+    areas, faces = np.bincount(label, face_areas(V, F)), np.bincount(label)
+    is_all = areas.max() >= (1.0 - NEGLIGIBLE) * areas.sum() and areas.argmax() == faces.argmax()
+    # A small sheet that is attached changes what the large surface is connected like.
+    if is_all and face_components(F).max() == label.max():
         return []
+    # Triangles of a closed surface are twice as many as its vertices.
     order = np.argsort(-faces, kind="stable")[:MOST_SURFACES]
     return [int(surface) for surface in order if faces[surface] >= 2 * FEWEST_VERTICES]
 

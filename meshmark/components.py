@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
@@ -24,9 +26,9 @@ SEAM, MOST_SEWN = 0.05, 8
 def surface_components(V: FloatArray, F: IntArray) -> IntArray:
     """Label the connected surfaces of a mesh, (F,) int, in the order of their first triangles.
 
-    Two triangles that alone share an edge belong together. Where more meet at an edge, a sheet
-    was attached there: of them, the pairs that go on straightest belong together, and a triangle
-    that is left over does not.
+    Two triangles that alone share an edge belong to one patch. Where more meet, something was
+    attached: of the patches that meet along the same edges, two belong together if for most of
+    that length it is from one to the other that the surface goes on straightest.
 
     Parameters
     ----------
@@ -35,54 +37,98 @@ def surface_components(V: FloatArray, F: IntArray) -> IntArray:
     F : (F, 3) int
         Triangles.
     """
-    pairs = np.concatenate(list(_continuations(V, F)))
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(F), len(F)))
-    label = connected_components(graph, directed=False)[1]
-    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    about = _about_edges(F)
+    patch = _connected(about.pop(2).face, len(F)) if 2 in about else np.arange(len(F))
+    links = [_links(V, sides, patch) for sides in about.values()]
+    if links:
+        patch = _connected(np.concatenate(links), int(patch.max()) + 1)[patch]
+    _, first, label = np.unique(patch, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first, kind="stable")] = np.arange(len(first))
     return rank[label]
 
 
-def _continuations(V: FloatArray, F: IntArray) -> list[IntArray]:
-    """Pair the triangles (A, 2) that go on into each other, by how many meet at their edge."""
+def _connected(pairs: IntArray, n: int) -> IntArray:
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """The triangles about E edges, k about each.
+
+    Parameters
+    ----------
+    low, high : (E,) int
+        The ends of the edges.
+    apex, face : (E, k) int
+        The third corner of each triangle, and which triangle it is.
+    """
+
+    low: IntArray
+    high: IntArray
+    apex: IntArray
+    face: IntArray
+
+
+def _about_edges(F: IntArray) -> dict[int, _Sides]:
+    """List the triangles about edges, by how many they are: from 2 to `MOST_ABOUT_EDGE`."""
     tail, head, apex = F.ravel(), np.roll(F, -1, axis=1).ravel(), np.roll(F, -2, axis=1).ravel()
     low, high = np.minimum(tail, head).astype(np.int64), np.maximum(tail, head).astype(np.int64)
     code = low * (int(F.max(initial=0)) + 1) + high
     order = np.argsort(code, kind="stable")
     _, start, count = np.unique(code[order], return_index=True, return_counts=True)
-    found = [np.empty((0, 2), dtype=np.int64)]
+    found: dict[int, _Sides] = {}
     for k in range(2, MOST_ABOUT_EDGE + 1):
         sides = order[start[count == k, None] + np.arange(k)]
-        if k == 2:
-            found.append(sides // 3)
-        elif len(sides):
-            found.append(_straightest(V, low[sides], high[sides], apex[sides], sides // 3))
+        if len(sides):
+            found[k] = _Sides(low[sides[:, 0]], high[sides[:, 0]], apex[sides], sides // 3)
     return found
 
 
-def _straightest(
-    V: FloatArray, low: IntArray, high: IntArray, apex: IntArray, face: IntArray
-) -> IntArray:
-    """Pair the triangles about edges, all arrays (E, k), the straightest pairs first, (A, 2)."""
-    E, k = face.shape
-    along = unit(V[high[:, 0]] - V[low[:, 0]])[:, None, :]
-    out = V[apex] - V[low]
-    out = unit((out - (out * along).sum(axis=2, keepdims=True) * along).reshape(-1, 3))
+def _links(V: FloatArray, sides: _Sides, patch: IntArray) -> IntArray:
+    """Pair the patches (L, 2) that go on into each other across edges where more than two meet."""
+    along = V[sides.high] - V[sides.low]
+    met = np.sort(patch[sides.face], axis=1)
+    _, kind = np.unique(met, axis=0, return_inverse=True)
+    kind = kind.reshape(-1)
+    length = lengths(along)
+    total = np.bincount(kind, length)
+    edge, pairs = _straightest(V, sides, unit(along))
+    voted = np.column_stack([kind[edge], np.sort(patch[pairs], axis=1)])
+    choice, of = np.unique(voted, axis=0, return_inverse=True)
+    votes = np.bincount(of.reshape(-1), length[edge], len(choice))
+    links: IntArray = choice[votes >= 0.5 * total[choice[:, 0]], 1:]
+    return links
+
+
+def _straightest(V: FloatArray, sides: _Sides, along: FloatArray) -> tuple[IntArray, IntArray]:
+    """Pair the triangles about each edge, the straightest pair first.
+
+    Returns
+    -------
+    edge : (A,) int
+        Which edge.
+    pairs : (A, 2) int
+        The two triangles.
+    """
+    E, k = sides.face.shape
+    out = V[sides.apex] - V[sides.low][:, None]
+    out -= (out * along[:, None]).sum(axis=2, keepdims=True) * along[:, None]
+    out = unit(out.reshape(-1, 3)).reshape(E, k, 3)
     one, two = np.triu_indices(k, 1)
-    out = out.reshape(E, k, 3)
     straight = -(out[:, one] * out[:, two]).sum(axis=2)
     rows = np.arange(E)
-    found = []
+    edge, pairs = [], []
     for _ in range(k // 2):
         best = straight.argmax(axis=1)
         onward = straight[rows, best] > 0.0
-        taken = np.stack([face[rows, one[best]], face[rows, two[best]]], axis=1)
-        found.append(taken[onward])
-        used = [one == one[best, None], one == two[best, None]]
-        used += [two == one[best, None], two == two[best, None]]
-        straight = np.where(np.logical_or.reduce(used), -np.inf, straight)
-    return np.concatenate(found)
+        a, b = one[best], two[best]
+        edge.append(rows[onward])
+        pairs.append(np.stack([sides.face[rows, a], sides.face[rows, b]], axis=1)[onward])
+        a, b = a[:, None], b[:, None]
+        straight[(one == a) | (one == b) | (two == a) | (two == b)] = -np.inf
+    return np.concatenate(edge), np.concatenate(pairs)
 
 
 def seams(V: FloatArray, F: IntArray, tolerance: float = SEAM) -> IntArray:

@@ -157,6 +157,8 @@ def _item(stream: gzip.GzipFile, header: ItemHeader, spool: Spool[FrameEvidence]
         strands=strands,
         tracked=header.tracked,
         decisive=header.decisive,
+        part=header.part,
+        also=header.also,
     )
 
 

@@ -51,6 +51,8 @@ class ItemHeader:
     """Evidence of a mesh but for its arrays: see `Evidence`."""
 
     prim: str
+    part: str
+    also: tuple[str, ...]
     scheme: str
     n_words: int
     n_frames: int
@@ -102,6 +104,8 @@ def header_text(
 def _described(item: Evidence) -> dict[str, Any]:
     return {
         "prim": item.prim,
+        "part": item.part,
+        "also": list(item.also),
         "scheme": item.scheme,
         "n_words": item.n_words,
         "n_frames": len(item.times),
@@ -149,11 +153,15 @@ def parse_header(text: str) -> Header:
 
 
 def _item(value: Any) -> ItemHeader:
-    prim, scheme, n_words, n_frames, tracked, decisive, strands = _values(
-        value, "prim", "scheme", "n_words", "n_frames", "tracked", "decisive", "strands"
+    prim, part, also, scheme, n_words, n_frames, tracked, decisive, strands = _values(
+        value,
+        *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
+        "strands",
     )
     item = ItemHeader(
         prim=_text(prim),
+        part=_text(part),
+        also=_several(also, _text),
         scheme=_text(scheme),
         n_words=_whole(n_words, 1, PLACED_WORDS),
         n_frames=_whole(n_frames, 1, FRAMES),

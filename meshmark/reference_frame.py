@@ -1,8 +1,12 @@
-"""Which frame the others are compared with: one that most agree with, wherever it stands."""
+"""Which frames agree with each other, and which one the others are compared with.
+
+No single frame is to be trusted: junk in front of an animation, or a frame that cannot be read,
+must not decide how the others are measured.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +16,23 @@ from meshmark.errors import InputError
 from meshmark.geometry import lengths
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
-# Frames that are asked, and edges that are measured in each.
-SAMPLED_FRAMES, SAMPLED_EDGES = 12, 4096
+# Frames that are asked first, and edges that are measured in each.
+SAMPLED_FRAMES, SAMPLED_EDGES = 12, 1024
 # Poses of one body agree about the length of their edges: the median ratio is nearer to 1 than
 # this, in logarithms, however it bends.
-AGREED = 0.4
+AGREED = 0.25
+# Most groups of frames that are told apart.
+MOST_GROUPS = 4
 
 
 def reference_frame(animation: MeshAnimation, frames: Sequence[int]) -> int:
     """Choose the frame that most others agree with in the lengths of its edges.
 
-    No single frame is to be trusted: junk in front of an animation, or a frame that cannot be
-    read, must not decide how the others are measured. Of equals the first is chosen.
+    Of equals the first is chosen; where none agrees with any other, the one whose edges are the
+    shortest beside its size.
 
     Parameters
     ----------
@@ -38,20 +46,44 @@ def reference_frame(animation: MeshAnimation, frames: Sequence[int]) -> int:
     InputError
         If none of those can be read; the first frame's reason.
     """
-    chosen, read = [], []
-    errors: list[InputError] = []
-    for index in _spread(frames):
-        try:
-            read.append(readable(animation, index))
-            chosen.append(index)
-        except InputError as error:
-            errors.append(error)
-            continue
-        if not animation.constant_topology or len(frames) == 1:
-            return index
-    if not chosen:
-        raise errors[0]
-    return chosen[_most_agreed(read)]
+    if not animation.constant_topology or len(frames) == 1:
+        return _first_readable(animation, frames)
+    chosen, edges = _measured(animation, _spread(frames))
+    return int(chosen[_most_agreed(edges, _agreement(edges))])
+
+
+def groups(animation: MeshAnimation) -> list[list[int]]:
+    """Sort the frames into groups that agree with each other, the largest first.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Where its connectivity changes, there is one group.
+
+    Returns
+    -------
+    list of list of int
+        At most `MOST_GROUPS`. All frames, those that cannot be read included, if the
+        `SAMPLED_FRAMES` that are asked first agree.
+
+    Raises
+    ------
+    InputError
+        If none of those can be read; the first frame's reason.
+    """
+    everything = list(range(len(animation)))
+    if not animation.constant_topology or len(everything) == 1:
+        return [everything]
+    if _agreement(_measured(animation, _spread(everything))[1]).all():
+        return [everything]
+    left, edges = _measured(animation, everything)
+    found: list[list[int]] = []
+    while left.size and len(found) < MOST_GROUPS:
+        agreed = _agreement(edges)
+        own = agreed[_most_agreed(edges, agreed)]
+        found.append(left[own].tolist())
+        left, edges = left[~own], edges[~own]
+    return found
 
 
 def readable(animation: MeshAnimation, index: int) -> Frame:
@@ -77,17 +109,58 @@ def readable(animation: MeshAnimation, index: int) -> Frame:
     )
 
 
+def _first_readable(animation: MeshAnimation, frames: Iterable[int]) -> int:
+    first: InputError | None = None
+    for index in frames:
+        try:
+            readable(animation, index)
+        except InputError as error:
+            first = first or error
+        else:
+            return index
+    assert first is not None
+    raise first
+
+
 def _spread(frames: Sequence[int]) -> list[int]:
     places = np.linspace(0, len(frames) - 1, min(len(frames), SAMPLED_FRAMES)).round().astype(int)
     return [frames[place] for place in dict.fromkeys(places.tolist())]
 
 
-def _most_agreed(frames: Sequence[Frame]) -> int:
-    F = frames[0].faces
+def _measured(animation: MeshAnimation, frames: Iterable[int]) -> tuple[IntArray, FloatArray]:
+    """Return which frames can be read, (T,), and `_edges` of each."""
+    chosen: list[int] = []
+    measured: list[FloatArray] = []
+    first: InputError | None = None
+    for index in frames:
+        try:
+            measured.append(_edges(readable(animation, index)))
+            chosen.append(index)
+        except InputError as error:
+            first = first or error
+    if not chosen:
+        assert first is not None
+        raise first
+    return np.array(chosen), np.array(measured)
+
+
+def _edges(frame: Frame) -> FloatArray:
+    """Log length of some edges (n + 1,); last, of the size of the whole."""
+    F = frame.faces
     step = -(-len(F) // SAMPLED_EDGES)
-    a, b = F[::step, 0], F[::step, 1]
-    log_length = np.log(
-        np.maximum([lengths(frame.points[b] - frame.points[a]) for frame in frames], 1e-300)
-    )
-    away = np.median(np.abs(log_length[:, None] - log_length[None]), axis=2)
-    return int(np.argmax((away <= AGREED).sum(axis=1)))
+    a, b = frame.points[F[::step, 0]], frame.points[F[::step, 1]]
+    size = np.median(lengths(frame.points - np.median(frame.points, axis=0)))
+    return np.log(np.maximum([*lengths(b - a), size], 1e-300))
+
+
+def _agreement(edges: FloatArray) -> BoolArray:
+    """Tell which frames agree with which, (T, T)."""
+    return np.array([np.median(np.abs(edges - own)[:, :-1], axis=1) <= AGREED for own in edges])
+
+
+def _most_agreed(edges: FloatArray, agreed: BoolArray) -> int:
+    """Choose the frame that most agree with; the first, or where none does, the least stretched."""
+    votes = agreed.sum(axis=1)
+    if votes.max() == 1:
+        return int(np.argmin(np.median(edges[:, :-1], axis=1) - edges[:, -1]))
+    return int(np.argmax(votes))

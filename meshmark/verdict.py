@@ -220,6 +220,20 @@ def without_weight(verdict: Verdict) -> Verdict:
     return replace(nothing, unauthenticated=verdict)
 
 
+def together(one: Verdict, two: Verdict) -> Verdict:
+    """Join two verdicts on one source that share a false-positive rate: the lower p of each."""
+    best = min(one, two, key=lambda verdict: verdict.log10_p)
+    by_prim: dict[str, PrimVerdict] = {}
+    for prim in (*one.prims, *two.prims):
+        known = by_prim.get(prim.prim, prim)
+        by_prim[prim.prim] = replace(
+            min(known, prim, key=lambda own: own.log10_p),
+            recipients=_best_of_each((*known.recipients, *prim.recipients)),
+        )
+    recipients = _best_of_each((*one.recipients, *two.recipients))
+    return replace(best, prims=tuple(by_prim.values()), recipients=recipients)
+
+
 def shares(evidence: Sequence[Evidence]) -> FloatArray:
     """Share a scheme's rate among the meshes and parts it was tried on, (n,), in log10.
 

@@ -21,7 +21,10 @@ from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe
 from meshmark.timeline import AUTO, frames_in
-from meshmark.verdict import Verdict, decide, without_weight
+from meshmark.verdict import Verdict, decide, together, without_weight
+
+# Meshes that one remark is made of, by name.
+MOST_NAMED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +127,7 @@ class _Survey:
 
     def __init__(self, progress: MeshProgress | None) -> None:
         self._progress = progress
-        self._notes: list[str] = []
+        self._notes: dict[str, list[str]] = {}
         self._unreadable: dict[str, InputError] = {}
         self._reasons: dict[int, CapacityError] = {}
         self._has_read = False
@@ -151,15 +154,19 @@ class _Survey:
         reason = self._reasons.get(id(view))
         # What parts cannot hold is nothing that the mesh they belong to could not.
         if reason is not None and not view.candidate.part:
-            self._notes.append(f"{view.candidate.name}: {view.name}: {reason.message}")
+            self._note(view, reason.message)
         if view.passed_over:
-            self._notes.append(
-                f"{view.candidate.name}: {view.name}: {view.passed_over} of {view.asked} frames "
-                "are blends of those beside them, and were passed over"
+            self._note(
+                view,
+                f"{view.passed_over} of {view.asked} frames are blends of those beside them, "
+                "and were passed over",
             )
-        for error in view.unreadable.values():
-            if not view.candidate.part:
+        if not view.candidate.part:
+            for error in view.unreadable.values():
                 self._unreadable.setdefault(f"{view.candidate.name} {error.time}", error)
+
+    def _note(self, view: Extraction, text: str) -> None:
+        self._notes.setdefault(f"{view.name}: {text}", []).append(view.candidate.name)
 
     def told(self) -> tuple[str, ...]:
         """Return all that must be said.
@@ -173,10 +180,17 @@ class _Survey:
         if errors and not self._has_read:
             raise errors[0]
         unread = (f"passed over: {error.without_source()}" for error in errors)
-        return (*dict.fromkeys(unread), *self._notes)
+        said = (f"{_listed(names)}: {text}" for text, names in self._notes.items())
+        return (*dict.fromkeys(unread), *said)
 
     def _told(self, view: Extraction) -> Callable[[int, int], None] | None:
         return None if self._progress is None else partial(self._progress, view.candidate.name)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Name a few, and count the rest."""
+    shown = ", ".join(names[:MOST_NAMED])
+    return f"{shown} and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else shown
 
 
 @sharing_workers
@@ -243,7 +257,8 @@ def verify_in_looks(
     """Look at few frames first, and at more only while the answer is not "marked".
 
     The looks are fixed beforehand, and share the false-positive rate among them; so do the
-    schemes, tried one after the other. Parameters are those of `verify`.
+    schemes, tried one after the other. Where several recipients are asked for, a marked copy is
+    looked at whole, so that all who are in it are named. Parameters are those of `verify`.
     """
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
@@ -251,26 +266,33 @@ def verify_in_looks(
     names = unique_recipients(recipients)
     wanted = candidates(whole)
     survey = _Survey(progress)
+
+    def judged(views: Sequence[Extraction], look: Look) -> Verdict:
+        return decide(
+            whole.source,
+            [item for view in views for item in look.at(view, survey)],
+            key,
+            recipients=names,
+            fpr=fpr,
+            n_schemes=len(tried),
+            share=look.share,
+        )
+
     best: Verdict | None = None
     for recipe in tried:
         views = _views(wanted, recipe, jobs)
         for look in LOOKS:
-            verdict = decide(
-                whole.source,
-                [item for view in views for item in look.at(view, survey)],
-                key,
-                recipients=names,
-                fpr=fpr,
-                n_schemes=len(tried),
-                share=look.share,
-            )
+            verdict = judged(views, look)
             if best is None or _better(verdict, best):
                 best = verdict
             if verdict.verdict == "marked":
                 break
+        assert best is not None
+        if best.verdict == "marked" and len(names) > 1 and look is not LOOKS[-1]:
+            best = together(best, judged(views, NAMING))
         for view in views:
             survey.conclude(view)
-        if best is not None and best.verdict == "marked":
+        if best.verdict == "marked":
             break
     assert best is not None
     return replace(best, elapsed_s=time.perf_counter() - start, notes=survey.told())
@@ -331,6 +353,9 @@ LOOKS = (
     Look(12, True, 1 / 8),
     Look(None, True, 1 / 2),
 )
+# Whoever asks for several names wants all that are in any mesh or frame: what the look at
+# everything did not spend is spent on that.
+NAMING = Look(None, False, 1 / 2)
 
 
 def judge_all(

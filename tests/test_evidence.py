@@ -14,7 +14,7 @@ from meshmark.keys import Key
 from meshmark.placement import Placement
 from meshmark.statistics import word_log_e_means
 from meshmark.strand import STEPS, Strand
-from meshmark.verdict import decide
+from meshmark.verdict import decide, shares
 
 KEY = Key(bytes(range(32)))
 OTHER = Key(bytes(range(1, 33)))
@@ -158,7 +158,13 @@ def test_every_hypothesis_is_paid_for() -> None:
     assert decide("f", [item], KEY, share=0.1).log10_p == pytest.approx(alone + 1)
     silent = Strand.of(np.zeros((3, 1, 8, 16)), np.zeros(1))
     empty = Evidence("/B", "tsai2014", 8, item.times, (silent,))
-    assert decide("f", [item, empty], KEY).log10_p == pytest.approx(alone + np.log10(2))
+    # What could never show anything costs nothing; what could, does.
+    assert decide("f", [item, *[empty] * 300], KEY).log10_p == pytest.approx(alone)
+    other = replace(evidence(OTHER.words("tsai2014", 8, 16), noise=1.0), prim="/B")
+    both = decide("f", [item, other], KEY)
+    assert both.log10_p - alone == pytest.approx(-shares([item, other])[0])
+    assert 0.0 < both.log10_p - alone < 0.5
+    assert np.sum(10.0 ** shares([item, other, empty])) == pytest.approx(1.0)
 
 
 def test_the_recipient_whose_words_fit_is_named() -> None:

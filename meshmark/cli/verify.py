@@ -23,9 +23,11 @@ from meshmark.errors import MeshmarkError
 
 if TYPE_CHECKING:
     from meshmark.recipe import Recipe
-    from meshmark.verdict import Verdict
+    from meshmark.verdict import Named, PrimVerdict, Verdict
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
+# Of more meshes than this, only the ones that say most are told of.
+MOST_SHOWN = 8
 
 
 def verify(
@@ -73,6 +75,9 @@ def verify(
     fpr: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
     ] = 1e-6,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Tell of every mesh, however many there are.")
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Say of each SOURCE whether it bears the key's mark, whose copy it is, and how surely."""
@@ -103,7 +108,7 @@ def verify(
             worst = worst or error.exit_code
             continue
         verdicts.append(verdict)
-        _tell(verdict)
+        _tell(verdict, everything)
     if json:
         put_json({"assets": [verdict.as_json() for verdict in verdicts]})
     code = worst or exit_code(verdicts)
@@ -204,15 +209,31 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
         )
 
 
-def _tell(verdict: Verdict) -> None:
-    whose = f", copy of {verdict.recipient}" if verdict.recipient else ""
+def _tell(verdict: Verdict, everything: bool) -> None:
+    whose = f", copy of {_names_of(verdict.recipients)}" if verdict.recipient else ""
     say(f"{verdict.source}: {verdict.verdict}{whose}, log10 p {verdict.log10_p:.2f}")
-    for prim in verdict.prims:
-        errors = prim.finding.errors
-        say(
-            f"  {prim.prim}: {prim.verdict} by {prim.scheme}, log10 p {prim.log10_p:.2f}, "
-            f"{prim.chips} chips in {len(prim.times)} frames, "
-            f"BER avg {errors.average:.4f} max {errors.maximum:.4f}"
-        )
+    shown = sorted(verdict.prims, key=lambda prim: prim.log10_p)
+    shown = list(verdict.prims) if everything or len(shown) <= MOST_SHOWN else shown[:MOST_SHOWN]
+    whose_differ = len(verdict.recipients) > 1
+    for prim in shown:
+        _tell_prim(prim, whose_differ)
+    if len(shown) < len(verdict.prims):
+        say(f"  and {len(verdict.prims) - len(shown)} more meshes that say less: --all shows them")
     for note in verdict.notes:
         warn(note)
+
+
+def _tell_prim(prim: PrimVerdict, whose: bool) -> None:
+    errors = prim.finding.errors
+    names = " + ".join((prim.prim, *prim.also[:1], *(["..."] if len(prim.also) > 1 else [])))
+    part = f" ({prim.part})" if prim.part else ""
+    copy = f", copy of {_names_of(prim.recipients)}" if whose and prim.recipients else ""
+    say(
+        f"  {names}{part}: {prim.verdict} by {prim.scheme}{copy}, log10 p {prim.log10_p:.2f}, "
+        f"{prim.chips} chips in {len(prim.times)} frames, "
+        f"BER avg {errors.average:.4f} max {errors.maximum:.4f}"
+    )
+
+
+def _names_of(recipients: Sequence[Named]) -> str:
+    return " and ".join(named.recipient or "the owner" for named in recipients)
