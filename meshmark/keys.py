@@ -6,7 +6,6 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -153,8 +152,3 @@ class Key:
 def readable_by_others(path: Path) -> bool:
     """Tell whether a key file's permissions let other users of the machine read it."""
     return bool(os.name == "posix" and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH))
-
-
-def unique_recipients(names: Iterable[str]) -> tuple[str, ...]:
-    """Drop repeated names, keeping the order, so that none is paid for twice."""
-    return tuple(dict.fromkeys(names))

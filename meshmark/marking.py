@@ -12,6 +12,7 @@ from meshmark.errors import CapacityError
 from meshmark.keys import Key
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
+from meshmark.recipients import recipient_name
 from meshmark.timeline import frames_in
 
 MeshProgress = Callable[[str, int, int], None]
@@ -76,7 +77,7 @@ def embed(
     recipe : Recipe, optional
         Scheme, segmenter and solver with their parameters; the defaults where not given.
     recipient : str, optional
-        Whose copy this will be: `verify` can then name them.
+        Whose copy this will be: `verify` can then name them. See `recipient_name`.
     frames : str, optional
         Range A:B[:S] of time codes to mark; the others stay as they are.
     jobs : int
@@ -94,7 +95,10 @@ def embed(
     ------
     CapacityError
         If no mesh can hold a mark. Some meshes of several that cannot are listed as skipped.
+    UsageError
+        If the recipient's is no name.
     """
+    whose = None if recipient is None else recipient_name(recipient)
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     scheme = (recipe or Recipe()).build()
     name = (recipe or Recipe()).scheme
@@ -108,7 +112,7 @@ def embed(
                 scheme,
                 name,
                 key,
-                recipient=recipient,
+                recipient=whose,
                 frames=frames_in(animation, frames),
                 jobs=jobs,
                 progress=tell,

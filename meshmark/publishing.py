@@ -19,6 +19,7 @@ from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
+from meshmark.recipients import recipient_name
 from meshmark.sources import read, texture_coordinates, writer
 from meshmark.unmarked import (
     require_allowed,
@@ -70,7 +71,7 @@ def mark_file(
     frames : str, optional
         Range A:B[:S] of time codes to mark.
     recipient : str, optional
-        Whose copy it will be.
+        Whose copy it will be; the manifest has the name in the form of `recipient_name`.
     deliver : bool
         Flatten into one file in which no unmarked point is left.
     allow_unmarked : sequence of str
@@ -101,6 +102,7 @@ def mark_file(
         raise UsageError("--allow-unmarked is for --deliver only")
     target = Path(output)
     check_output(target, source, deliver)
+    recipient = None if recipient is None else recipient_name(recipient)
     recipe = recipe or Recipe()
     original = read(source, prims)
     write = writer(original, target, deliver=deliver)

@@ -15,11 +15,12 @@ from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTE
 from meshmark.detection import Extraction
 from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
-from meshmark.keys import Key, unique_recipients
+from meshmark.keys import Key
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe
+from meshmark.recipients import spellings
 from meshmark.timeline import AUTO, frames_in
 from meshmark.verdict import Verdict, decide, together, without_weight
 
@@ -217,7 +218,7 @@ def verify(
         Schemes to try, with the parameters they were embedded with; by default every scheme
         there is, with its defaults.
     recipients : sequence of str
-        Names to try beside the owner's own mark; each is paid for.
+        Names to try beside the owner's own mark, in every form of `spellings`; each is paid for.
     frames : str, optional
         Range A:B[:S] of time codes to look at, all by default; or "auto", for few frames
         first and more only while they do not decide.
@@ -263,7 +264,7 @@ def verify_in_looks(
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     tried = tuple(recipes) or all_schemes()
-    names = unique_recipients(recipients)
+    names = spellings(recipients)
     wanted = candidates(whole)
     survey = _Survey(progress)
 
@@ -367,7 +368,7 @@ def judge_all(
         evidence.source,
         evidence.items,
         key,
-        recipients=unique_recipients(recipients),
+        recipients=spellings(recipients),
         fpr=fpr,
         n_schemes=evidence.n_schemes,
         notes=evidence.notes,

@@ -242,3 +242,17 @@ def test_only_numerical_breakdowns_are_taken_for_lack_of_capacity() -> None:
             raise error
     with pytest.raises(RuntimeError, match="a bug"), breakdown_means_no_capacity():
         raise RuntimeError("a bug")
+
+
+@pytest.mark.parametrize("name", ["", "  ", "a\x1b[2Jb", "\udcff", "x" * 300, "@acme"])
+def test_names_that_are_none(run, name) -> None:
+    marked = run("embed", "a.usda", "-o", "b.usda", "--key", "k", "--recipient", name)
+    assert_refused(marked, 2, "recipient")
+    if not name.startswith("@"):
+        assert_refused(run("verify", "a.usda", "--key", "k", "--recipient", name), 2, "recipient")
+
+
+def test_names_files_that_are_none(run, tmp_path) -> None:
+    (tmp_path / "names").write_bytes(b"acme\nglo\0bex\n")
+    for name in ("names", "nowhere", "."):
+        assert_refused(run("verify", "a.usda", "--key", "k", "--recipient", f"@{name}"), 3, name)

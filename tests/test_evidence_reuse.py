@@ -20,8 +20,8 @@ RECIPES = (Recipe("cho2007"),)
 @pytest.fixture
 def source(tmp_path) -> Path:
     V, F = bumpy_sphere(3, np.eye(3))
-    lines = ["v %s %s %s" % tuple(v) for v in V.astype(np.float32).tolist()]
-    lines += ["f %d %d %d" % tuple(f) for f in (F + 1).tolist()]
+    lines = [f"v {x} {y} {z}" for x, y, z in V.astype(np.float32).tolist()]
+    lines += [f"f {i} {j} {k}" for i, j, k in (F + 1).tolist()]
     path = tmp_path / "ball.obj"
     path.write_text("\n".join(lines) + "\n")
     return path

@@ -128,7 +128,8 @@ def test_no_command_imports_what_stands_beside_its_files(folders, way, command) 
 def test_plots_are_drawn_as_the_installation_says(folder) -> None:
     program = (
         "from pathlib import Path; from meshmark.benchmarking.plots import draw_plots; "
-        "draw_plots({'rows': []}, Path()); import matplotlib; print(matplotlib.rcParams['font.size'])"
+        "draw_plots({'rows': []}, Path()); import matplotlib; "
+        "print(matplotlib.rcParams['font.size'])"
     )
     assert sprung(folder, [sys.executable, "-P", "-c", program])[1:] == ("10.0\n", "")
 

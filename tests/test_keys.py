@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError, OutputError
-from meshmark.keys import Key, readable_by_others, unique_recipients
+from meshmark.keys import Key, readable_by_others
 
 FIXED = Key(bytes(range(32)))
 
@@ -81,7 +81,3 @@ def test_what_is_no_key_file_is_refused(tmp_path, content) -> None:
 def test_missing_key_file(tmp_path) -> None:
     with pytest.raises(InputError, match="nowhere"):
         Key.load(tmp_path / "nowhere")
-
-
-def test_recipients_are_paid_for_once() -> None:
-    assert unique_recipients(["a", "b", "a"]) == ("a", "b")

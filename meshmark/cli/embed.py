@@ -78,7 +78,7 @@ def embed(
             recipe=recipe,
             prims=prim,
             frames=frames,
-            recipient=recipient,
+            recipient=None if recipient is None else _name(recipient),
             deliver=deliver,
             allow_unmarked=allow_unmarked,
             dry_run=dry_run,
@@ -99,6 +99,16 @@ def embed(
     # What a deliverable may leave unmarked was agreed to before it was written.
     if (document["skipped"] and not deliver) or found["verdict"] == "not marked":
         raise typer.Exit(NOT_ALL_MARKED)
+
+
+def _name(text: str) -> str:
+    from meshmark.errors import UsageError
+    from meshmark.recipients import name_or_file
+
+    named = name_or_file(text)
+    if not isinstance(named, str):
+        raise UsageError(f"--recipient {text}: a name that begins with @ is written @{text}")
+    return named
 
 
 def _tell(document: dict[str, Any], dry_run: bool) -> None:

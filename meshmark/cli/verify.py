@@ -47,7 +47,8 @@ def verify(
         typer.Option(
             "--recipient",
             metavar="NAME|@FILE",
-            help="A name to try, or a file of names, one a line; each is paid for.",
+            help="A name to try (@@NAME for @NAME), or a file of names, one a line; "
+            "each is paid for.",
         ),
     ] = [],  # noqa: B006
     frames: Annotated[
@@ -153,24 +154,13 @@ class Request:
 
 
 def _names(recipients: Sequence[str]) -> list[str]:
-    """Read names from files where `@FILE` is given; blank lines and `#` comments are no names."""
-    from meshmark.errors import InputError
+    from meshmark.recipients import name_or_file, read_names, spellings
 
     names: list[str] = []
     for text in recipients:
-        if not text.startswith("@"):
-            names.append(text)
-            continue
-        path = Path(text[1:])
-        try:
-            lines = path.read_text(encoding="utf-8").splitlines()
-        except OSError as error:
-            raise InputError(f"cannot read the names: {error.strerror}", source=path) from None
-        except UnicodeDecodeError:
-            raise InputError("names must be UTF-8 text", source=path) from None
-        stripped = (line.strip() for line in lines)
-        names += [line for line in stripped if line and not line.startswith("#")]
-    return names
+        named = name_or_file(text)
+        names += [named] if isinstance(named, str) else read_names(named)
+    return list(spellings(names))
 
 
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
