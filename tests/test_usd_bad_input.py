@@ -119,3 +119,26 @@ def test_a_wanted_mesh_that_is_not_there(tmp_path: Path) -> None:
     source = write_text(tmp_path / "a.usda", cube())
     with pytest.raises(UsageError, match="no mesh at /none; there is /cube"):
         read_stage(source, ["/none"])
+
+
+# What is wrong with clips shows when pxr first needs them, long after the stage is open.
+CLIPS = """
+    def Mesh "A" (clips = {{ dictionary default = {{
+        asset[] assetPaths = [@{clip}@]
+        asset manifestAssetPath = @{manifest}@
+        string primPath = "/A"
+        double2[] active = [(1, 0)]
+    }} }})
+    {{
+    }}
+"""
+
+
+@pytest.mark.parametrize("clip", ["bad.usda", "gone.usda", "late.usda"])
+@pytest.mark.parametrize("manifest", ["bad.usda", "gone.usda"])
+def test_what_shows_late(
+    tmp_path: Path, clip: str, manifest: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.usda").write_text("this is no layer")
+    body = CLIPS.format(clip=clip, manifest=manifest)
+    refused(write_text(tmp_path / "late.usda", body), capfd)

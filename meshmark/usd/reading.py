@@ -50,9 +50,14 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     UsageError
         If a wanted mesh does not exist.
     """
-    opened = open_stage(source)
+    # Layers are opened, and values unpacked, whenever pxr first needs them.
     with caught(source):
-        found = {str(prim.GetPath()): prim for prim in mesh_prims(opened.stage)}
+        return _read(source, prims)
+
+
+def _read(source: str, prims: Sequence[str] | None) -> Asset:
+    opened = open_stage(source)
+    found = {str(prim.GetPath()): prim for prim in mesh_prims(opened.stage)}
     if not found:
         raise InputError("the stage holds no mesh", source=source)
     if prims is not None:
@@ -60,14 +65,10 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
         meshes = tuple(_read_mesh(source, found[path]) for path in dict.fromkeys(prims))
         return _asset(source, opened, meshes, ())
     meshes, left_out = _read_fit(source, found.values())
-    with caught(source):
-        unseen = (
-            *(LeftOut(path, reason) for path, reason in missing_layers(opened.stage)),
-            *(
-                LeftOut(str(prim.GetPath()), NOT_DEFINED)
-                for prim in hidden_prototypes(opened.stage)
-            ),
-        )
+    unseen = (
+        *(LeftOut(path, reason) for path, reason in missing_layers(opened.stage)),
+        *(LeftOut(str(prim.GetPath()), NOT_DEFINED) for prim in hidden_prototypes(opened.stage)),
+    )
     return _asset(source, opened, meshes, left_out, unseen)
 
 
