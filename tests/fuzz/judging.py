@@ -1,0 +1,36 @@
+"""What a command may do with an input, whatever is in it."""
+
+from __future__ import annotations
+
+import re
+
+from .inputs import Input
+from .running import DATA_LIMIT, Ran
+
+ALLOWED = (0, 1, 2, 3, 4)
+# What numpy, pxr and Python say unasked.
+NOISE = re.compile(r"Traceback|\w*Warning: |Warning: in |Error in |Coding Error|Fatal |\.py:\d+")
+
+
+def faults(given: Input, ran: Ran) -> list[str]:
+    """Name what is wrong; empty where all is well."""
+    found = []
+    if ran.code not in ALLOWED:
+        found.append(f"exit {ran.code}")
+    text = ran.out + ran.err
+    if "Traceback" in text:
+        found.append("traceback")
+    elif NOISE.search(ran.err):
+        found.append("noise")
+    errors = [line for line in ran.err.splitlines() if line.startswith("error: ")]
+    if len(errors) > 1:
+        found.append("more than one error")
+    if ran.code == 3 and not errors:
+        found.append("no error line")
+    if ran.peak > DATA_LIMIT:
+        found.append("memory")
+    if ran.tells_key:
+        found.append("key told")
+    if ran.stray:
+        found.append("stray files")
+    return found
