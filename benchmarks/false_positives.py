@@ -1,6 +1,6 @@
-"""How often a random key finds a mark: on evidence kept by `meshmark verify --evidence`.
+"""How often a random key finds a mark: in every mesh and part of a source, as `verify` judges them.
 
-    python benchmarks/false_positives.py marked.evidence unmarked.evidence --keys 100000 -o FOLDER
+    python benchmarks/false_positives.py marked.usdc unmarked.usdc --keys 100000 -o FOLDER
 
 Writes `false-positives.png`, the share of keys whose p is at most a against a, and prints the
 table that goes with it. A p-value is honest if no curve lies above the diagonal.
@@ -10,17 +10,20 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import meshmark
 from meshmark.evidence import Evidence
-from meshmark.evidence_file import load_evidence
 from meshmark.judging import log10_p_of
 from meshmark.keys import Key
 from meshmark.parallel import default_jobs, ordered_map
+from meshmark.recipe import Recipe
+from meshmark.verdict import shares
+from meshmark.verification import gather
 
 FloatArray = NDArray[np.float64]
 
@@ -30,25 +33,33 @@ LEVELS = (-1.0, -2.0, -3.0, -4.0, -6.0)
 
 @dataclass(frozen=True)
 class TryKeys:
-    """Tries a block of keys, numbered and the same in every run, on evidence."""
+    """Tries a block of keys, numbered and the same in every run, on evidence of one scheme."""
 
-    evidence: Evidence
+    items: tuple[Evidence, ...]
 
     def __call__(self, block: int) -> FloatArray:
         numbers = range(block * AT_ONCE, (block + 1) * AT_ONCE)
         keys = [Key(hashlib.sha256(f"false positives {n}".encode()).digest()) for n in numbers]
-        words = np.array([self.evidence.words(key, None) for key in keys])
-        return np.asarray(log10_p_of(self.evidence, words))
+        words = np.array([self.items[0].words(key, None) for key in keys])
+        paid = [
+            log10_p_of(item, words) - share
+            for item, share in zip(self.items, shares(self.items), strict=True)
+        ]
+        return np.minimum(0.0, np.min(paid, axis=0))
 
 
-def try_keys(path: Path, n_keys: int, plain: bool) -> FloatArray:
-    """Return log10 p of many keys on the first mesh of an evidence file."""
-    evidence = load_evidence(path).items[0]
-    if plain:
-        evidence = replace(evidence, strands=evidence.strands[:1])
-    blocks = range(-(-n_keys // AT_ONCE))
-    found = list(ordered_map(TryKeys(evidence), blocks, jobs=default_jobs()))
-    return np.concatenate(found)[:n_keys]
+def try_keys(source: str, options: argparse.Namespace) -> tuple[int, FloatArray]:
+    """Return of how many parts a source is, and log10 p of many keys on them all."""
+    found = gather(
+        meshmark.read(source),
+        recipes=[Recipe(options.scheme)],
+        frames=options.frames,
+        restored=not options.plain,
+        jobs=default_jobs(),
+    )
+    blocks = range(-(-options.keys // AT_ONCE))
+    log10_p = list(ordered_map(TryKeys(found.items), blocks, jobs=default_jobs()))
+    return len(found.items), np.concatenate(log10_p)[: options.keys]
 
 
 def draw(results: dict[str, FloatArray], path: Path) -> None:
@@ -73,18 +84,22 @@ def draw(results: dict[str, FloatArray], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("evidence", nargs="+", type=Path)
+    parser.add_argument("sources", nargs="+")
     parser.add_argument("--keys", type=int, default=100_000)
+    parser.add_argument("--scheme", default="apex")
+    parser.add_argument("--frames", default=":", help="range A:B[:S] of time codes")
     parser.add_argument("--plain", action="store_true", help="leave out undone smoothing")
     parser.add_argument("-o", "--output", type=Path, default=Path())
     options = parser.parse_args()
-    results = {path.stem: try_keys(path, options.keys, options.plain) for path in options.evidence}
+    results: dict[str, FloatArray] = {}
     heads = " | ".join(f"p <= 1e{level:g}" for level in LEVELS)
-    print(f"| evidence | {heads} | lowest log10 p |")
-    print("| --- |" + " --- |" * (len(LEVELS) + 1))
-    for name, log10_p in results.items():
+    print(f"| source | parts | {heads} | lowest log10 p |")
+    print("| --- |" + " --- |" * (len(LEVELS) + 2))
+    for source in options.sources:
+        parts, log10_p = try_keys(source, options)
         counts = " | ".join(str(int(np.count_nonzero(log10_p <= level))) for level in LEVELS)
-        print(f"| {name} | {counts} | {log10_p.min():.2f} |")
+        print(f"| {Path(source).stem} | {parts} | {counts} | {log10_p.min():.2f} |", flush=True)
+        results[Path(source).stem] = log10_p
     draw(results, options.output / "false-positives.png")
 
 
