@@ -28,7 +28,7 @@ IntArray = NDArray[np.int64]
 FEWEST_VERTICES = 500
 # Most surfaces of a mesh that are tried each by itself, the ones of the most vertices first; and
 # among how many of them runs of neighbours are tried together.
-MOST_SURFACES, MOST_IN_RUNS = 8, 5
+MOST_SURFACES, MOST_IN_RUNS = 64, 5
 # Surfaces that all together have less than this share of the area change nothing about the rest.
 NEGLIGIBLE = 0.02
 

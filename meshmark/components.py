@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 MOST_ABOUT_EDGE = 8
 # Points of borders nearer to each other than this share of the edges about them are sewn
 # together, each with so many others at most.
-SEAM, MOST_SEWN = 0.05, 8
+SEAM, MOST_SEWN = 0.3, 8
 
 
 def surface_components(V: FloatArray, F: IntArray) -> IntArray:

@@ -76,9 +76,11 @@ class Evidence:
         held = self.held
         return int(held.any(axis=0).sum() if self.n_words == 1 else held.sum())
 
-    @property
+    @cached_property
     def reachable_log10_p(self) -> float:
         """Lowest log10 p that the best of keys could reach on as many chips."""
+        if not self.held.any():
+            return 0.0
         plain = self.strands[0]
         best = int(np.argmax(plain.belief))
         placement = plain.placement and plain.placement.under(best)

@@ -44,6 +44,12 @@ class Finding:
     log10_p_per_frame: FloatArray
     errors: BitErrors
 
+    @classmethod
+    def of_nothing(cls, n_frames: int) -> Finding:
+        """Find nothing in so many frames without a chip."""
+        nothing = BitErrors(np.full(n_frames, np.nan), np.full(n_frames, -1))
+        return cls(None, 0.0, np.zeros(n_frames), nothing)
+
 
 def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> Finding:
     """Try one key and recipient on the evidence."""

@@ -266,7 +266,9 @@ class _Judged:
         price: float,
         log10_fpr: float,
     ) -> _Judged:
-        """Try a key and every recipient."""
+        """Try a key and every recipient; where nothing is held, nothing fits."""
+        if not evidence.held.any():
+            return cls(evidence, [Finding.of_nothing(len(evidence.times))], price, log10_fpr)
         findings = judge_each(evidence, key, hypotheses, log10_fpr - price)
         return cls(evidence, findings, price, log10_fpr)
 

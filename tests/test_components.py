@@ -113,7 +113,7 @@ def test_borders_farther_apart_than_a_cut_stay_apart() -> None:
     V, F = plane(6, side=5.0)
     both, faces = side_by_side((V, F), (V, F))
     lifted = both.copy()
-    lifted[len(V) :, 2] += 0.2
+    lifted[len(V) :, 2] += 0.5
     assert seams(lifted, faces).size == 0
     # Two sheets of one outline, a hair apart, are sewn along it, not through it.
     lifted[:, 2] = np.where(np.arange(len(both)) < len(V), 0.0, 1e-4)
