@@ -50,6 +50,7 @@ def mark_file(
     recipient: str | None = None,
     deliver: bool = False,
     allow_unmarked: Sequence[str] = (),
+    keep_metadata: bool = False,
     dry_run: bool = False,
     jobs: int = 1,
     progress: Progress | None = None,
@@ -78,6 +79,8 @@ def mark_file(
         Paths of prims that may be delivered unmarked, with all below them; `all` for whatever
         there is. Without it, nothing is delivered of which a mesh was left out, or of which
         those that can hold no mark are more than a tenth.
+    keep_metadata : bool
+        Deliver comments, authors, paths and whatever else tells of the source's origin, too.
     dry_run : bool
         Do everything but write.
     jobs : int
@@ -100,12 +103,14 @@ def mark_file(
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")
     if allow_unmarked and not deliver:
         raise UsageError("--allow-unmarked is for --deliver only")
+    if keep_metadata and not deliver:
+        raise UsageError("--keep-metadata is for --deliver only")
     target = Path(output)
     check_output(target, source, deliver)
     recipient = None if recipient is None else recipient_name(recipient)
     recipe = recipe or Recipe()
     original = read(source, prims)
-    write = writer(original, target, deliver=deliver)
+    write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
     others = unasked(read(source), prims) if deliver and prims else ()
     markable = split_fit(original)
     if deliver:
@@ -124,8 +129,7 @@ def mark_file(
     if deliver:
         require_small(markable, marked.skipped, allow_unmarked)
     marked = replace(marked, original=original)
-    if not dry_run:
-        write(complete(marked))
+    delivery = None if dry_run else write(complete(marked))
     written = marked.asset if dry_run else reread(marked, target)
     # Nobody smoothed what was written just now, or joined anything to it.
     evidence = gather(
@@ -159,6 +163,8 @@ def mark_file(
             "fpr": TARGET_FPR,
         },
     }
+    if delivery is not None:
+        document["delivery"] = delivery.as_json()
     if dry_run:
         return Manifest(document)
     path = manifest_path(target)

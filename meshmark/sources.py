@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from glob import glob
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from meshmark.animation import Asset
 from meshmark.errors import InputError, UsageError
 from meshmark.plugins import catalogue, make_reader
+
+if TYPE_CHECKING:
+    from meshmark.usd.delivery import Delivery
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
@@ -115,8 +119,8 @@ def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool =
 
 
 def writer(
-    original: Asset, output: str | Path, *, deliver: bool = False
-) -> Callable[[Asset], None]:
+    original: Asset, output: str | Path, *, deliver: bool = False, keep_metadata: bool = False
+) -> Callable[[Asset], Delivery | None]:
     """Return what `write` would call with the marked asset, so that a bad output is known early.
 
     Raises
@@ -126,7 +130,7 @@ def writer(
     """
     path = Path(output)
     if path.suffix.lower() in LAYER_SUFFIXES:
-        return _layer_writer(original, path, deliver)
+        return _layer_writer(original, path, deliver, keep_metadata)
     if original.reader == "usd":
         raise UsageError(
             f"a USD source is written as {', '.join(LAYER_SUFFIXES)}, not to {str(output)!r}"
@@ -140,7 +144,9 @@ def writer(
     return partial(reader.write, original=original, output=path)
 
 
-def _layer_writer(original: Asset, path: Path, deliver: bool) -> Callable[[Asset], None]:
+def _layer_writer(
+    original: Asset, path: Path, deliver: bool, keep_metadata: bool
+) -> Callable[[Asset], Delivery | None]:
     if original.reader != "usd":
         from meshmark.usd.stages import write_stage
 
@@ -148,7 +154,7 @@ def _layer_writer(original: Asset, path: Path, deliver: bool) -> Callable[[Asset
     if deliver:
         from meshmark.usd.delivery import write_flattened
 
-        return partial(write_flattened, original, output=path)
+        return partial(write_flattened, original, output=path, keep_metadata=keep_metadata)
     from meshmark.usd.writing import write_override
 
     return partial(write_override, original, output=path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -23,13 +23,13 @@ def warn(text: str) -> None:
     typer.secho(f"warning: {text}", fg="yellow", err=True)
 
 
-def few(texts: Sequence[str], every: bool = False) -> None:
-    """Warn of the first few of many things, and say how many there are; or of every one."""
+def few(texts: Sequence[str], every: bool = False, tell: Callable[[str], None] = warn) -> None:
+    """Tell of the first few of many things, and how many there are; or of every one."""
     shown = len(texts) if every or len(texts) <= FEW + 1 else FEW
     for text in texts[:shown]:
-        warn(text)
+        tell(text)
     if shown < len(texts):
-        warn(f"and {len(texts) - shown} more; --all lists them")
+        tell(f"and {len(texts) - shown} more; --all lists them")
 
 
 def complain(text: str) -> None:

@@ -56,8 +56,13 @@ def embed(
             help="Deliver this mesh, and all below it, though it holds no mark; `all` for any.",
         ),
     ] = [],  # noqa: B006
+    keep_metadata: Annotated[
+        bool,
+        typer.Option("--keep-metadata", help="Deliver comments, authors and paths of files too."),
+    ] = False,
     every: Annotated[
-        bool, typer.Option("--all", help="List everything that is not marked, not the first few.")
+        bool,
+        typer.Option("--all", help="List everything that is told of, not the first few of a kind."),
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Do all but write.")] = False,
     json: JsonOption = False,
@@ -81,6 +86,7 @@ def embed(
             recipient=None if recipient is None else _name(recipient),
             deliver=deliver,
             allow_unmarked=allow_unmarked,
+            keep_metadata=keep_metadata,
             dry_run=dry_run,
             jobs=default_jobs(),
             progress=progress,
@@ -89,6 +95,7 @@ def embed(
     if json:
         put_json(document)
     _tell(document, dry_run)
+    _tell_delivery(document.get("delivery"), every)
     few([f"{each['prim']}: not marked: {each['reason']}" for each in document["skipped"]], every)
     found = document["verification"]
     if found["verdict"] != "marked":
@@ -125,3 +132,15 @@ def _tell(document: dict[str, Any], dry_run: bool) -> None:
             else f"{prim['prim']}: nothing is found again"
         )
     say("dry run: nothing was written" if dry_run else f"{document['output']}: written")
+
+
+def _tell_delivery(delivery: dict[str, Any] | None, every: bool) -> None:
+    if delivery is None:
+        return
+    moved = [f"{each['path']}: moved with {each['prim']}" for each in delivery["moved"]]
+    few(moved, every, tell=say)
+    few([f"removed: {each}" for each in delivery["removed"]], every, tell=say)
+    few(
+        [f"{path}: leads out of the folder of the deliverable" for path in delivery["outside"]],
+        every,
+    )

@@ -3,24 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from glob import escape, glob
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdUtils
 
 from meshmark.places import assets_folder
 from meshmark.usd.layers import sublayer_path
+from meshmark.usd.metadata import file_name
 from meshmark.usd.unpacking import UDIM, Unpacking
 
 
-def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacked: Path) -> None:
+@dataclass(frozen=True)
+class AnchoredPaths:
+    """What became of paths to textures that lie outside the folder of a deliverable.
+
+    Parameters
+    ----------
+    cut : tuple of str
+        The names left of paths that led nowhere.
+    outside : tuple of str
+        Relative paths that climb out of the folder.
+    """
+
+    cut: tuple[str, ...]
+    outside: tuple[str, ...]
+
+
+def anchor_asset_paths(
+    layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacked: Path, keep_lost: bool = False
+) -> AnchoredPaths:
     """Rewrite the asset paths that flattening leaves, for a layer to lie at `output`.
 
     A path to a layer, such as the identifier in `assetInfo`, is removed: nothing in a flattened
     layer needs it, and it may lead to unmarked points. A path into a package becomes a path to a
-    copy in the folder `<name of output>.assets`. Other absolute paths become relative. Paths
-    that lead nowhere stay as they are.
+    copy in the folder `<name of output>.assets`. Other absolute paths become relative; of those
+    that lead nowhere, and would only tell the names of folders, the file's name is left.
 
     Parameters
     ----------
@@ -32,6 +52,12 @@ def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacke
         Where the layer will lie.
     unpacked : Path
         The folder to make, if anything is copied, that will become the one beside the output.
+    keep_lost : bool
+        Keep the folders of paths that lead nowhere.
+
+    Returns
+    -------
+    AnchoredPaths
 
     Raises
     ------
@@ -39,6 +65,8 @@ def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacke
         If a file cannot be copied out of its package, or its name could lead out of the folder.
     """
     unpacking = Unpacking(unpacked)
+    cut: dict[str, None] = {}
+    outside: dict[str, None] = {}
 
     def anchored(path: str) -> str:
         if Sdf.FileFormat.FindByExtension(path):
@@ -46,10 +74,22 @@ def anchor_asset_paths(layer: Sdf.Layer, stage: Usd.Stage, output: Path, unpacke
         if Ar.IsPackageRelativePath(path):
             copied = assets_folder(output) / unpacking.copy(path)
             return sublayer_path(copied, output)
-        return sublayer_path(Path(path), output) if Path(path).is_absolute() else path
+        elsewhere = PureWindowsPath(path).drive != ""
+        if not Path(path).is_absolute() and not elsewhere:
+            return path
+        relative = path if elsewhere else sublayer_path(Path(path), output)
+        if relative.startswith("./"):
+            return relative
+        if keep_lost or _exists(path):
+            outside[relative] = None
+            return relative
+        name = file_name(path)
+        cut[f"{name}: the folders of a path that leads nowhere"] = None
+        return name
 
     _anchor_tiles(layer, stage)
     UsdUtils.ModifyAssetPaths(layer, anchored)
+    return AnchoredPaths(tuple(cut), tuple(outside))
 
 
 def _anchor_tiles(layer: Sdf.Layer, stage: Usd.Stage) -> None:
@@ -102,6 +142,12 @@ def _found(path: str, layer: Sdf.Layer) -> str:
     anchored: str = Sdf.ComputeAssetPathRelativeToLayer(layer, f"./{path}")
     if Ar.IsPackageRelativePath(anchored):
         return anchored
-    before, _, after = anchored.partition(UDIM)
-    tiles = glob(f"{escape(before)}[0-9][0-9][0-9][0-9]{escape(after)}")  # noqa: PTH207
-    return anchored if tiles else path
+    return anchored if _exists(anchored) else path
+
+
+def _exists(path: str) -> bool:
+    """Tell whether there is a file, or a tile of a texture."""
+    before, tiled, after = path.partition(UDIM)
+    if not tiled:
+        return Path(path).exists()
+    return bool(glob(f"{escape(before)}[0-9][0-9][0-9][0-9]{escape(after)}"))  # noqa: PTH207

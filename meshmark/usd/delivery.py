@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pxr import Usd
 
@@ -13,14 +15,44 @@ from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
+from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
 from meshmark.usd.opening import open_stage
 from meshmark.usd.overlay import lay_over
 from meshmark.usd.reach import refuse_to_overwrite
-from meshmark.usd.traces import Traces, replace_traces
+from meshmark.usd.traces import Moved, Traces, replace_traces
 from meshmark.usd.writing import require_prim
 
 
-def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
+@dataclass(frozen=True)
+class Delivery:
+    """What was done to a deliverable beyond marking it.
+
+    Parameters
+    ----------
+    moved : tuple of Moved
+        Copies of unmarked points elsewhere in it, which got the marked ones.
+    removed : tuple of str
+        What told of its origin.
+    outside : tuple of str
+        Paths to textures that lead out of the folder the deliverable lies in.
+    """
+
+    moved: tuple[Moved, ...] = ()
+    removed: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON values, for the manifest."""
+        return {
+            "moved": [{"path": each.path, "prim": each.prim} for each in self.moved],
+            "removed": list(self.removed),
+            "outside": list(self.outside),
+        }
+
+
+def write_flattened(
+    original: Asset, marked: Asset, output: Path, *, keep_metadata: bool = False
+) -> Delivery:
     """Write the original's stage as one self-contained file with the points of the marked meshes.
 
     The stage is flattened: what it shows stays, what it is composed from (sublayers, references,
@@ -28,8 +60,10 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
 
     - instances become ordinary prims, because every copy is its own mesh to mark;
     - the default of points that have time samples goes: it would be an unmarked pose;
-    - any other array equal to the points of a marked mesh before marking, such as a reference
-      pose in a primvar or a copy of the mesh that was not marked, gets the marked points;
+    - copies of the points of marked meshes, such as a reference pose in a primvar or a mesh that
+      was not marked, get the marked points: whatever their type, scale, place and order, and
+      where points are missing (`meshmark.copies`);
+    - what tells of the studio goes (`meshmark.usd.metadata`), unless it is to be kept;
     - paths to textures become relative to the output where they can; textures that lie inside a
       .usdz are copied into the folder `<name of output>.assets` beside the output; paths to
       layers, as in `assetInfo`, are removed.
@@ -45,6 +79,13 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
         Meshes with points moved, world space, every frame. Meshes inside instances are welcome.
     output : Path
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+    keep_metadata : bool
+        Keep comments, authors, paths and whatever else tells where the stage comes from.
+
+    Returns
+    -------
+    Delivery
+        What was moved along, removed, and leads outside.
 
     Raises
     ------
@@ -62,21 +103,29 @@ def write_flattened(original: Asset, marked: Asset, output: Path) -> None:
         with new_layer(overlay) as target:
             lay_over(target.layer, stage, original.source, overlay)
             traces = _author(target, stage, marked)
-        _export(Usd.Stage.Open(str(overlay)), traces, output, beside)
+        return _export(Usd.Stage.Open(str(overlay)), traces, output, beside, keep_metadata)
 
 
-def _export(stage: Usd.Stage, traces: Traces, output: Path, beside: Path) -> None:
+def _export(
+    stage: Usd.Stage, traces: Traces, output: Path, beside: Path, keep_metadata: bool
+) -> Delivery:
     # The caller holds the stage until the flattened layer is gone: the other way round, every
     # array they share would be copied out of the mapped file.
     make_instances_editable(stage)
     layer = flattened(stage)
-    replace_traces(layer, traces)
-    anchor_asset_paths(layer, stage, output, assets_folder(beside))
+    removed = []
+    if keep_metadata:
+        copy_layer_metadata(layer, stage)
+    else:
+        removed = strip_metadata(layer, stage)
+    moved = replace_traces(layer, traces)
+    paths = anchor_asset_paths(layer, stage, output, assets_folder(beside), keep_metadata)
     layer.Export(str(beside))
+    return Delivery(tuple(moved), (*removed, *paths.cut), paths.outside)
 
 
 def _author(target: StreamedLayer, stage: Usd.Stage, marked: Asset) -> Traces:
-    traces = Traces()
+    traces = Traces(stage)
     for mesh in marked.meshes:
         prim = stage.GetPrimAtPath(mesh.prim)
         author_marked_points(target, prim, mesh, traces.witness(mesh.prim))
