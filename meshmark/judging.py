@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from meshmark.keys import Key
 from meshmark.statistics import log10_p_words, word_log_e_means
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+SignArray = NDArray[np.signedinteger[Any]]
 
 # Belief that all frames are best judged together; the rest is in the frames each by itself.
 TOGETHER = 0.75
@@ -76,7 +77,7 @@ def judge_each(
     list of Finding
         The recipient that fits best, then the others that fit as well as the limit asks.
     """
-    words = np.array([evidence.words(key, recipient) for recipient in recipients])
+    words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
     log10_p, alone = _judged(evidence, words)
     order = np.argsort(log10_p, kind="stable")
     told = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
@@ -87,13 +88,13 @@ def judge_each(
             log10_p_per_frame=np.minimum(
                 0.0, alone[n] if n in alone else _alone(evidence, words[[n]])[:, 0]
             ),
-            errors=bit_errors(evidence, words[n]),
+            errors=bit_errors(evidence, words[n].astype(np.int64)),
         )
         for n in told
     ]
 
 
-def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
+def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
     """Bound log10 of the probability that random words fit all frames as well.
 
     Parameters
@@ -115,7 +116,7 @@ def log10_p_of(evidence: Evidence, words: IntArray) -> FloatArray:
     return _judged(evidence, words)[0]
 
 
-def _judged(evidence: Evidence, words: IntArray) -> tuple[FloatArray, dict[int, FloatArray]]:
+def _judged(evidence: Evidence, words: SignArray) -> tuple[FloatArray, dict[int, FloatArray]]:
     """Bound log10 p of words, (n,), and tell what frames say by themselves of those listed."""
     together = _pooled_log10_p(evidence, words)
     if evidence.n_words == 1 or len(evidence.times) == 1:
@@ -128,13 +129,13 @@ def _judged(evidence: Evidence, words: IntArray) -> tuple[FloatArray, dict[int, 
     return np.minimum(0.0, shared), dict(zip(listed.tolist(), alone.T, strict=True))
 
 
-def _alone(evidence: Evidence, words: IntArray) -> FloatArray:
+def _alone(evidence: Evidence, words: SignArray) -> FloatArray:
     """Bound log10 p of words (n, M, K) from each frame by itself, (T, n)."""
     frames = range(len(evidence.times))
     return np.array([_pooled_log10_p(evidence.select([t]), words) for t in frames])
 
 
-def _pooled_log10_p(evidence: Evidence, words: IntArray) -> FloatArray:
+def _pooled_log10_p(evidence: Evidence, words: SignArray) -> FloatArray:
     """Bound log10 p from the frames' mean evidence; above 0 where even 1 is too low a bound."""
     first = evidence.strands[0]
     if words.shape[-2] == 1:

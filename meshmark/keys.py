@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hmac
 import os
 import re
 import secrets
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, OutputError
@@ -64,13 +67,14 @@ class Key:
         """Derive `n_bytes` pseudo-random bytes under a label."""
         if n_bytes > _HKDF_LIMIT:
             raise ValueError(f"at most {_HKDF_LIMIT} bytes can be derived under one label")
-        kdf = HKDF(
-            algorithm=hashes.SHA256(),
-            length=n_bytes,
-            salt=None,
-            info=f"meshmark/1/{label}".encode(),
+        return HKDFExpand(hashes.SHA256(), n_bytes, f"meshmark/1/{label}".encode()).derive(
+            self._extracted
         )
-        return kdf.derive(self.secret)
+
+    @cached_property
+    def _extracted(self) -> bytes:
+        """HKDF's first step, which all labels share: without salt, HMAC under a key of zeros."""
+        return hmac.digest(bytes(32), self.secret, "sha256")
 
     def words(
         self, scheme: str, n_words: int, n_chips: int, recipient: str | None = None
@@ -91,16 +95,21 @@ class Key:
         (n_words, n_chips) int
             Independent uniform signs, +1 or -1, bits taken most significant first.
         """
-        # A recipient's name is free text: its length keeps labels from running into each other.
-        whose = "owner" if recipient is None else f"recipient/{len(recipient)}/{recipient}"
+        return self.words_of(scheme, n_words, n_chips, (recipient,))[0].astype(np.int64)
+
+    def words_of(
+        self, scheme: str, n_words: int, n_chips: int, recipients: Sequence[str | None]
+    ) -> NDArray[np.int8]:
+        """Derive the code words of many recipients, (n, n_words, n_chips); see `words`."""
         n_bytes = -(-n_chips // 8)
-        rows = [
-            np.unpackbits(
-                np.frombuffer(self.derive(f"word/{scheme}/{whose}/{m}", n_bytes), dtype=np.uint8)
-            )[:n_chips]
+        labels = (
+            f"word/{scheme}/{_whose(recipient)}/{m}"
+            for recipient in recipients
             for m in range(n_words)
-        ]
-        return 2 * np.array(rows, dtype=np.int64).reshape(n_words, n_chips) - 1
+        )
+        derived = b"".join(self.derive(label, n_bytes) for label in labels)
+        octets = np.frombuffer(derived, np.uint8).reshape(len(recipients), n_words, n_bytes)
+        return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1
 
     def generator(self, label: str) -> np.random.Generator:
         """Seed a numpy generator by the key, for choices that detection need not repeat."""
@@ -147,6 +156,11 @@ class Key:
                 "is not a meshmark key file; make one with `meshmark keygen`", source=path
             )
         return cls(bytes.fromhex(match.group(1)))
+
+
+def _whose(recipient: str | None) -> str:
+    # A recipient's name is free text: its length keeps labels from running into each other.
+    return "owner" if recipient is None else f"recipient/{len(recipient)}/{recipient}"
 
 
 def readable_by_others(path: Path) -> bool:

@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from meshmark.evalues import TILTS, e_values, most_promising
+from meshmark.evalues import LOST, PROMISING, TILTS, e_values, most_promising
 from meshmark.placement import SHIFT_BELIEF, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+SignArray = NDArray[np.signedinteger[Any]]
 
 # Readings are first compared at every other tilt.
 EVERY = 2
+# Chips up to which e-values fit into single precision, and what promises are wrong by there.
+SINGLE_CHIPS, SINGLE_ERROR = 96, 0.02
 
 
 def mean_of_placed(
-    score: FloatArray, log_null: FloatArray, log_prior: FloatArray, windows: Windows
+    S: FloatArray,
+    words: SignArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    windows: Windows,
 ) -> FloatArray:
     """Average e-values over readings, tilts, shifts of all places, and assignments.
 
     Parameters
     ----------
-    score : (n, R, C, W) float64
-        Sum of each word of a carrier's window times the carrier's evidence; for n keys.
+    S : (R, C, K) float64
+        Evidence under each of R readings.
+    words : (n, M, K) int
+        Words of n keys.
     log_null : (R, T, C) float64
         Sum of log cosh of tilt times evidence, for each of `TILTS`.
     log_prior : (R,) float64
@@ -38,15 +49,18 @@ def mean_of_placed(
         Log of the mean. Only what promises the most is summed up: leaving out what adds nothing
         but positive terms makes an e-value smaller, never dishonest.
     """
-    n, _, C, W = score.shape
-    rows = np.arange(n)[:, None]
-    reading = most_promising(promises(score, log_null, log_prior, windows))[0]
-    e = e_values(score[rows, reading][:, :, None], log_null[reading], TILTS)
+    rows = np.arange(len(words))[:, None]
+    listed = _worth_a_look(S, words, log_null, log_prior, windows)
+    score = windows.scores_under(S, words, listed)
+    promised = _promises_under(score, log_null, log_prior, windows, listed)
+    best = most_promising(promised)[0]
+    reading, score = listed[rows, best], score[rows, best]
+    e = e_values(score[:, :, None], log_null[reading], TILTS)
     log_belief = log_prior[reading][:, None, :, None] - np.log(len(TILTS))
     log_belief = log_belief + np.log(SHIFT_BELIEF)[:, None, None]
     promise = windows.promise(e, reading) + log_belief
     shift, place, tilt = most_promising(promise)
-    picked = e[rows, place, tilt].reshape(-1, C, W)
+    picked = e[rows, place, tilt].reshape(-1, *score.shape[2:])
     log_means = windows.log_mean(picked, shift.ravel(), reading[rows, place].ravel())
     found = log_means.reshape(shift.shape) + log_belief[rows, shift, place, 0]
     mean: FloatArray = logsumexp(found, axis=-1)
@@ -54,14 +68,63 @@ def mean_of_placed(
 
 
 def promises(
-    score: FloatArray, log_null: FloatArray, log_prior: FloatArray, windows: Windows
+    S: FloatArray,
+    words: SignArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    windows: Windows,
 ) -> FloatArray:
     """Estimate what each reading adds to the mean of e-values, (n, R), in logarithms.
 
     Parameters are those of `mean_of_placed`. Words may be held twice here, which is quicker, and
     enough to tell readings apart.
     """
-    e = e_values(score[:, :, None], log_null[:, ::EVERY], TILTS[::EVERY])
-    each = np.einsum("nrtcw,rcw->nrtc", e, windows.blurred) + windows.doubt[:, None]
-    promise: FloatArray = np.log(each).sum(axis=-1).max(axis=-1) + log_prior
+    score = windows.scores(S, words)
+    belief = windows.blurred.transpose(1, 0, 2)
+    weight = ((1.0 - LOST) * belief).astype(S.dtype)
+    nothing = (LOST * belief.sum(axis=-1) + windows.doubt.T)[..., None].astype(S.dtype)
+    best = np.full((len(S), len(words)), -np.inf, S.dtype)
+    for t in range(0, len(TILTS), EVERY):
+        e = score * S.dtype.type(TILTS[t])
+        e -= log_null[:, t].T[..., None, None].astype(S.dtype)
+        np.exp(e, out=e)
+        each = np.einsum("crwn,crw->crn", e, weight) + nothing
+        best = np.maximum(best, np.log(each).sum(axis=0))
+    promise: FloatArray = best.T + log_prior
+    return promise
+
+
+def _worth_a_look(
+    S: FloatArray,
+    words: SignArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    windows: Windows,
+) -> IntArray:
+    """List the readings among which the most promising of each key are, (n, P), in order.
+
+    Told from single precision, in which most of the time would be spent otherwise.
+    """
+    R, _, K = S.shape
+    if R <= PROMISING or K > SINGLE_CHIPS:
+        return np.broadcast_to(np.arange(R), (len(words), R))
+    promised = promises(S.astype(np.float32), words, log_null, log_prior, windows)
+    least = np.partition(promised, -PROMISING, axis=-1)[:, -PROMISING, None]
+    size = int((promised >= least - SINGLE_ERROR).sum(axis=-1).max())
+    chosen = np.argpartition(-promised, size - 1, axis=-1)[:, :size]
+    return np.sort(chosen, axis=-1)
+
+
+def _promises_under(
+    score: FloatArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    windows: Windows,
+    reading: IntArray,
+) -> FloatArray:
+    """Estimate as `promises` does, from scores (n, P, C, W) under some readings (n, P)."""
+    e = e_values(score[:, :, None], log_null[reading][:, :, ::EVERY], TILTS[::EVERY])
+    each = np.einsum("nptcw,npcw->nptc", e, windows.blurred[reading], optimize=True)
+    each += windows.doubt[reading][:, :, None]
+    promise: FloatArray = np.log(each).sum(axis=-1).max(axis=-1) + log_prior[reading]
     return promise

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+SignArray = NDArray[np.signedinteger[Any]]
 
 # Words about a carrier's place that it may hold; a power of two of them is summed over.
 WINDOW = 8
@@ -108,34 +110,53 @@ class Windows:
     def log_ways(self, shift: IntArray, reading: IntArray) -> FloatArray:
         """Log of the sum of beliefs over all ways in which no word is held twice, (N,).
 
-        Parameters are those of `log_mean`. Rows are few beside all there are of shifts and
-        readings, or many of them alike.
+        Parameters are those of `log_mean`.
         """
-        pairs, row = np.unique(np.stack([shift, reading]), axis=1, return_inverse=True)
-        shift, reading = pairs
-        summed = _sums(self.first[reading], self.belief[shift, reading], self.doubt[reading])
-        each: FloatArray = np.log(summed)
-        return each[row]
+        known = self._known_ways
+        new = np.isnan(known[shift, reading])
+        if new.any():
+            q, r = np.unique(np.stack([shift[new], reading[new]]), axis=1)
+            known[q, r] = np.log(_sums(self.first[r], self.belief[q, r], self.doubt[r]))
+        ways: FloatArray = known[shift, reading]
+        return ways
 
-    def scores(self, S: FloatArray, words: IntArray) -> FloatArray:
-        """Sum each word of a carrier's window times its evidence, (n, R, C, W).
+    @cached_property
+    def _known_ways(self) -> FloatArray:
+        """What `log_ways` found before, (Q, R); NaN where it was not asked."""
+        return np.full(self.belief.shape[:2], np.nan)
+
+    @cached_property
+    def alike(self) -> list[tuple[int, int, IntArray]]:
+        """Readings that give a carrier the same window: carrier, first word, and readings."""
+        return [
+            (c, int(first), np.flatnonzero(of_carrier == first))
+            for c, of_carrier in enumerate(self.first.T)
+            for first in np.unique(of_carrier)
+        ]
+
+    def scores(self, S: NDArray[Any], words: SignArray) -> NDArray[Any]:
+        """Sum each word of a carrier's window times its evidence, (C, R, W, n), in S's type.
 
         Parameters
         ----------
-        S : (R, C, K) float64
+        S : (R, C, K) floating
             Evidence.
         words : (n, M, K) int
             Words of n keys.
         """
-        signs = words.astype(np.float64)
-        scores = np.empty((len(words), *self.first.shape, WINDOW))
-        for c, first in enumerate(self.first.T):
-            # Readings differ little on where a carrier stands: few words are in any window.
-            low, high = first.min(), first.max() + WINDOW
-            near = np.einsum("rk,nmk->nrm", S[:, c], signs[:, low:high], optimize=True)
-            index = (first - low)[:, None] + np.arange(WINDOW)
-            scores[:, :, c] = np.take_along_axis(near, index[None], axis=-1)
+        R, C, K = S.shape
+        scores = np.empty((C, R, WINDOW, len(words)), S.dtype)
+        signs = np.ascontiguousarray(words.transpose(2, 1, 0), S.dtype)
+        for c, first, readings in self.alike:
+            near = signs[:, first : first + WINDOW].reshape(K, -1)
+            scores[c, readings] = (S[readings, c] @ near).reshape(-1, WINDOW, len(words))
         return scores
+
+    def scores_under(self, S: FloatArray, words: SignArray, reading: IntArray) -> FloatArray:
+        """Sum as `scores` does, under some readings (n, P) for each key, (n, P, C, W)."""
+        index = self.first[reading][..., None] + np.arange(WINDOW)
+        near = words[np.arange(len(words))[:, None, None, None], index].astype(np.float64)
+        return np.einsum("npck,npcwk->npcw", S[reading], near, optimize=True)
 
     @cached_property
     def blurred(self) -> FloatArray:

@@ -18,6 +18,8 @@ References
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -29,6 +31,7 @@ from meshmark.placement import SHIFT_BELIEF, WINDOW, Placement, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+SignArray = NDArray[np.signedinteger[Any]]
 
 # Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
 AT_ONCE = 2_000_000
@@ -37,7 +40,7 @@ AT_ONCE = 2_000_000
 EXACT_CHIPS = 18
 
 
-def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
+def word_log_e(S: FloatArray, words: SignArray) -> FloatArray:
     """Log e-value of every word on every carrier, for every tilt.
 
     Parameters
@@ -58,7 +61,7 @@ def word_log_e(S: FloatArray, words: IntArray) -> FloatArray:
 
 
 def word_log_e_means(
-    S: FloatArray, log_prior: FloatArray, words: IntArray, placement: Placement | None = None
+    S: FloatArray, log_prior: FloatArray, words: SignArray, placement: Placement | None = None
 ) -> FloatArray:
     """Log e-value of words on evidence that can be read in several ways, all paid for.
 
@@ -87,7 +90,8 @@ def word_log_e_means(
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
     windows = None if placement is None else placement.windows(words.shape[-2])
     log_null = _log_null(S)
-    at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * words.shape[-2]))
+    width = words.shape[-2] if windows is None else WINDOW
+    at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * width))
     means = [
         _mean_of_readings(S, log_null, log_prior, flat[start : start + at_once], windows)
         for start in range(0, len(flat), at_once)
@@ -96,14 +100,14 @@ def word_log_e_means(
 
 
 def reading_promises(
-    S: FloatArray, log_prior: FloatArray, words: IntArray, placement: Placement
+    S: FloatArray, log_prior: FloatArray, words: SignArray, placement: Placement
 ) -> FloatArray:
     """Estimate how much each reading speaks for one key's words (M, K), (R,), in logarithms.
 
     Other parameters are those of `word_log_e_means`.
     """
     windows = placement.windows(len(words))
-    return promises(windows.scores(S, words[None]), _log_null(S), log_prior, windows)[0]
+    return promises(S, words[None], _log_null(S), log_prior, windows)[0]
 
 
 def _log_null(S: FloatArray) -> FloatArray:
@@ -115,11 +119,11 @@ def _mean_of_readings(
     S: FloatArray,
     log_null: FloatArray,
     log_prior: FloatArray,
-    words: IntArray,
+    words: SignArray,
     windows: Windows | None,
 ) -> FloatArray:
     if windows is not None:
-        return mean_of_placed(windows.scores(S, words), log_null, log_prior, windows)
+        return mean_of_placed(S, words, log_null, log_prior, windows)
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
     e = e_values(score[:, :, None], log_null, TILTS)
     belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
@@ -132,7 +136,7 @@ def _mean_of_readings(
 
 def log10_p_words(
     S: FloatArray,
-    words: IntArray,
+    words: SignArray,
     log_prior: FloatArray | None = None,
     placement: Placement | None = None,
 ) -> FloatArray:
@@ -170,7 +174,7 @@ def _log_mean(log_e: FloatArray, axis: int) -> FloatArray:
     return mean
 
 
-def _log10_p_shared(S: FloatArray, word: IntArray) -> FloatArray:
+def _log10_p_shared(S: FloatArray, word: SignArray) -> FloatArray:
     chips = np.flatnonzero(S)
     if chips.size == 0:
         return np.zeros(word.shape[:-1])
@@ -184,7 +188,7 @@ def _markov(log_e: FloatArray) -> FloatArray:
     return np.minimum(0.0, -log_e / np.log(10.0))
 
 
-def exact_log10_p(S: FloatArray, word: IntArray) -> FloatArray:
+def exact_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
     """Exact log10 P(w'.S >= w.S) for uniform signs w', from all 2^K sums.
 
     Parameters
@@ -205,7 +209,7 @@ def exact_log10_p(S: FloatArray, word: IntArray) -> FloatArray:
     return np.log10(np.maximum(reached, 1) / len(sums))
 
 
-def hoeffding_log10_p(S: FloatArray, word: IntArray) -> FloatArray:
+def hoeffding_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
     """Hoeffding's bound exp(-t^2 / (2 sum S^2)), t = w.S, for comparison.
 
     References

@@ -4,6 +4,8 @@ import stat
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from meshmark.errors import InputError, OutputError
 from meshmark.keys import Key, readable_by_others
@@ -17,6 +19,18 @@ def test_words_are_frozen() -> None:
     words = FIXED.words("tsai2014", 2, 16)
     text = ["".join("+" if sign > 0 else "-" for sign in word) for word in words]
     assert text == ["+++-+-+---+---+-", "++-+-++-+-+-+--+"]
+
+
+@pytest.mark.parametrize("n_bytes", [1, 8, 33, 500])
+def test_derivation_is_hkdf(n_bytes) -> None:
+    hkdf = HKDF(hashes.SHA256(), n_bytes, None, b"meshmark/1/a label")
+    assert FIXED.derive("a label", n_bytes) == hkdf.derive(FIXED.secret)
+
+
+def test_words_of_many_are_those_of_each() -> None:
+    names = [None, "acme", "Andr\u00e9", "2/acme"]
+    each = [FIXED.words("a", 3, 13, name) for name in names]
+    np.testing.assert_array_equal(FIXED.words_of("a", 3, 13, names), each)
 
 
 def test_words_of_recipients_schemes_and_keys_differ() -> None:

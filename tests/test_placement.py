@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from meshmark.placement import SHIFT_BELIEF, SHIFTS, WINDOW, Placement, together
+from meshmark import placed_words
+from meshmark.placement import SHIFT_BELIEF, SHIFTS, WINDOW, Placement, Windows, together
 from meshmark.statistics import log10_p_words, reachable_log10_p, word_log_e_means
 
 M = 20
@@ -105,6 +106,41 @@ def test_the_best_of_keys_reaches_what_is_foretold() -> None:
     found = log10_p_words(S, words, np.zeros(1), where)
     assert found == pytest.approx(foretold, abs=0.4)
     assert reachable_log10_p(np.zeros((4, 14), dtype=bool), M, 0.0, where) == 0.0
+
+
+@pytest.mark.parametrize("loud", [0.3, 1.0])
+@pytest.mark.parametrize("n_chips", [2, 16, 64])
+def test_readings_told_apart_in_single_precision_are_the_right_ones(
+    monkeypatch, loud, n_chips
+) -> None:
+    rng = np.random.default_rng(4)
+    S = loud * rng.uniform(-1.0, 1.0, size=(60, 5, n_chips))
+    # Some that are alike but for the last digits, and one that cannot be beaten.
+    S[20:40] = S[20] * (1.0 + 1e-9 * rng.normal(size=(20, 1, 1)))
+    words = rng.choice([-1, 1], size=(30, 24, n_chips))
+    S[50] = loud * words[0, 3:8]
+    where = Placement(rng.uniform(0.0, 23.0, size=(60, 5)), rng.uniform(0.1, 0.9, size=5))
+    where.place[7, 2] = np.nan
+    prior = np.log(rng.dirichlet(np.ones(60)))
+    found = word_log_e_means(S, prior, words, where)
+    monkeypatch.setattr(placed_words, "SINGLE_CHIPS", 0)
+    np.testing.assert_allclose(found, word_log_e_means(S, prior, words, where), rtol=0, atol=1e-10)
+
+
+def test_most_readings_are_looked_at_in_single_precision_only(monkeypatch) -> None:
+    rng = np.random.default_rng(5)
+    S, words = rng.uniform(-1, 1, size=(200, 5, 16)), rng.choice([-1, 1], size=(40, 24, 16))
+    where = Placement(rng.uniform(0.0, 23.0, size=(200, 5)), np.full(5, 0.2))
+    seen = []
+    exact = Windows.scores_under
+
+    def counted(self, S, words, reading):
+        seen.append(reading.size)
+        return exact(self, S, words, reading)
+
+    monkeypatch.setattr(Windows, "scores_under", counted)
+    word_log_e_means(S, np.full(200, -np.log(200.0)), words, where)
+    assert sum(seen) < 0.1 * 200 * 40
 
 
 def test_frames_say_together_what_most_of_them_say() -> None:
