@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -25,6 +26,8 @@ SHIFTS: FloatArray = np.array([0.0, 0.0, -1.0, 1.0, -2.0, 2.0])
 NEARNESS: FloatArray = np.array([0.5, 1.5, 0.5, 0.5, 0.7, 0.7])
 SHIFT_BELIEF: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
 
+# Stands for "out of the question" in sums that must stay finite.
+_NEVER = 1e6
 # Places of which the middle is taken at once.
 AT_ONCE = 1 << 19
 
@@ -133,6 +136,28 @@ class Windows:
             for c, of_carrier in enumerate(self.first.T)
             for first in np.unique(of_carrier)
         ]
+
+    def likeliest(self, n_words: int) -> tuple[IntArray, IntArray]:
+        """Give carriers the words believed in most, none twice, where nothing is shifted.
+
+        Parameters
+        ----------
+        n_words : int
+            M.
+
+        Returns
+        -------
+        carriers, within : (n,) int
+            Carriers that get one, and which of their window, under the first reading.
+        """
+        belief, first = self.belief[0, 0], self.first[0]
+        log_belief = np.full((len(first), n_words), -_NEVER)
+        words = first[:, None] + np.arange(WINDOW)
+        np.put_along_axis(log_belief, words, np.log(np.maximum(belief, 1e-300)), axis=1)
+        carriers, chosen = linear_sum_assignment(log_belief, maximize=True)
+        possible = log_belief[carriers, chosen] > -_NEVER
+        carriers, chosen = carriers[possible], chosen[possible]
+        return carriers, chosen - first[carriers]
 
     def scores(self, S: NDArray[Any], words: SignArray) -> NDArray[Any]:
         """Sum each word of a carrier's window times its evidence, (C, R, W, n), in S's type.

@@ -246,12 +246,12 @@ def reachable_log10_p(
     if n_words == 1:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
     if placement is not None:
-        # The best of keys gives every carrier the word nearest to its place.
+        # The best of keys gives carriers the words nearest to their places, no word twice.
         windows = placement.windows(n_words)
         right = np.outer(TILTS - log_cosh(TILTS), held.sum(axis=1))
         e = np.full((len(TILTS), len(held), WINDOW), LOST)
-        best = windows.belief[0, 0].argmax(axis=-1)
-        e[:, np.arange(len(held)), best] += (1.0 - LOST) * np.exp(right)
+        carriers, best = windows.likeliest(n_words)
+        e[:, carriers, best] += (1.0 - LOST) * np.exp(right[:, carriers])
         nothing = np.zeros(len(TILTS), dtype=np.int64)
         log_mean = _log_mean(windows.log_mean(e, nothing, nothing), axis=0)
         return float(_markov(log_mean + np.log(SHIFT_BELIEF[0]) + log_prior))

@@ -97,11 +97,19 @@ def test_p_is_honest_where_words_have_places() -> None:
         assert share <= alpha + 5 * np.sqrt(alpha * (1 - alpha) / n)
 
 
-def test_the_best_of_keys_reaches_what_is_foretold() -> None:
+@pytest.mark.parametrize(
+    ("places", "held"),
+    [
+        ([2.0, 7.0, 8.0, 15.0], [2, 7, 8, 15]),
+        # Carriers of one shape crowd about a place: each still gets a word of its own.
+        ([7.0, 7.1, 7.2, 15.0], [6, 7, 8, 15]),
+    ],
+)
+def test_the_best_of_keys_reaches_what_is_foretold(places, held) -> None:
     rng = np.random.default_rng(3)
     words = 2 * rng.integers(0, 2, size=(M, 14)) - 1
-    where = placement([2.0, 7.0, 8.0, 15.0], doubt=0.1)
-    S = words[[2, 7, 8, 15]][None].astype(float)
+    where = placement(places, doubt=0.1)
+    S = words[held][None].astype(float)
     foretold = reachable_log10_p(np.ones((4, 14), dtype=bool), M, 0.0, where)
     found = log10_p_words(S, words, np.zeros(1), where)
     assert found == pytest.approx(foretold, abs=0.4)
