@@ -281,6 +281,24 @@ class LeftOut:
     guide: bool = False
 
 
+class SourceFacts(Protocol):
+    """What else of a source was read with its frames, so that nobody has to open it again."""
+
+    @property
+    def files(self) -> tuple[tuple[str, str], ...]:
+        """Absolute path and SHA-256 of each file the source consists of."""
+        ...
+
+    @property
+    def reach(self) -> tuple[str, ...]:
+        """Every file it could use; see `meshmark.sources.files_in_reach`."""
+        ...
+
+    def texture_coordinates(self, prim: str) -> FloatArray | None:
+        """Return those of a mesh; see `meshmark.sources.texture_coordinates`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Asset:
     """Everything read from one source: the animations of its meshes.
@@ -303,6 +321,8 @@ class Asset:
         What a person should know about how it was read.
     left_out : tuple of LeftOut
         What of it was not read.
+    facts : SourceFacts or None
+        What was read with it; None where the source is asked again.
     """
 
     source: str
@@ -313,6 +333,7 @@ class Asset:
     fps: float = 24.0
     notes: tuple[str, ...] = field(default=())
     left_out: tuple[LeftOut, ...] = ()
+    facts: SourceFacts | None = None
 
     @property
     def path(self) -> Path:

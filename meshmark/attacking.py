@@ -56,7 +56,7 @@ def write_attacked(asset: Asset, output: Path) -> None:
     OutputError
         If it is part of the source.
     """
-    require_apart([output], files_in_reach(asset.source))
+    require_apart([output], files_in_reach(asset))
     if output.suffix.lower() in LAYER_SUFFIXES:
         from meshmark.usd.stages import write_stage
 

@@ -11,9 +11,8 @@ from meshmark.errors import InputError, UsageError
 from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
-from meshmark.publishing import source_files
 from meshmark.recipe import Recipe
-from meshmark.sources import read
+from meshmark.sources import read, source_digests, source_files
 from meshmark.verification import AssetEvidence, all_schemes, gather
 
 
@@ -24,6 +23,7 @@ def kept_evidence(
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
     authenticated: bool = True,
+    isolated: bool = False,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> AssetEvidence:
@@ -42,6 +42,8 @@ def kept_evidence(
     authenticated : bool
         Whether the file must bear the seal of the local secret. Without, it must exist, and no
         verdict rests on it.
+    isolated : bool
+        Read the source in a process of its own, as `meshmark.read` can.
 
     Raises
     ------
@@ -53,12 +55,11 @@ def kept_evidence(
     """
     start = time.perf_counter()
     tried = tuple(recipes) or all_schemes()
-    # What was read before its files were looked at could be older than they are.
-    files = [path.resolve() for path in source_files(read(source))]
-    states = _states(files)
-    asset = read(source)
+    # Of a source that was read apart all is read, and known to be what was hashed.
+    states = [] if isolated else _states(source)
+    asset = read(source, isolated=isolated)
     wanted = StoredEvidence(
-        files=_digests(files, asset),
+        files=_digests(asset),
         recipes=[recipe.as_json() for recipe in tried],
         frames=None if frames in ("auto", ":") else frames,
         items=(),
@@ -72,7 +73,7 @@ def kept_evidence(
             source, stored.items, len(stored.recipes), stored.notes, elapsed, authenticated
         )
     found = gather(asset, recipes=tried, frames=frames, jobs=jobs, progress=progress)
-    if _states(files) != states:
+    if states and _states(source) != states:
         raise InputError("changed while it was measured; measure it again", source=source)
     save_evidence(
         StoredEvidence(wanted.files, wanted.recipes, wanted.frames, found.items, found.notes), path
@@ -80,17 +81,21 @@ def kept_evidence(
     return found
 
 
-def _states(files: Sequence[Path]) -> list[tuple[int, ...]]:
+def _states(source: str) -> list[tuple[object, ...]]:
     """Tell files from what they were: whatever is written or exchanged gets another time."""
+    files = source_files(source)
     try:
         states = [file.stat() for file in files]
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=error.filename) from None
-    return [(s.st_ino, s.st_size, s.st_mtime_ns, s.st_ctime_ns) for s in states]
+    return [
+        (file, s.st_ino, s.st_size, s.st_mtime_ns, s.st_ctime_ns)
+        for file, s in zip(files, states, strict=True)
+    ]
 
 
-def _digests(files: list[Path], asset: Asset) -> tuple[tuple[str, str], ...]:
-    hashes = file_hashes(files, Path(asset.source).resolve().parent)
+def _digests(asset: Asset) -> tuple[tuple[str, str], ...]:
+    hashes = file_hashes(source_digests(asset), Path(asset.source).resolve().parent)
     return tuple((item["file"], item["sha256"]) for item in hashes)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,8 +88,13 @@ def written_beside(path: Path) -> Iterator[IO[bytes]]:
         Path(name).unlink(missing_ok=True)
 
 
-def file_hashes(files: list[Path], folder: Path) -> list[dict[str, str]]:
-    """Hash files; names are relative to `folder` where that is shorter than a climb.
+def file_hashes(files: Iterable[tuple[str, str]], folder: Path) -> list[dict[str, str]]:
+    """Name hashed files relative to a folder.
+
+    Parameters
+    ----------
+    files : iterable of (str, str)
+        Absolute path and SHA-256; see `meshmark.sources.source_digests`.
 
     Returns
     -------
@@ -98,11 +102,6 @@ def file_hashes(files: list[Path], folder: Path) -> list[dict[str, str]]:
         In the order given.
     """
     return [
-        {"file": Path(os.path.relpath(file, folder)).as_posix(), "sha256": _sha256(file)}
-        for file in files
+        {"file": Path(os.path.relpath(file, folder)).as_posix(), "sha256": digest}
+        for file, digest in files
     ]
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

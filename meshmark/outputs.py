@@ -14,15 +14,15 @@ from meshmark.places import assets_folder, require_apart, require_names_fit
 from meshmark.sources import LAYER_SUFFIXES, files_in_reach, read
 
 
-def check_output(target: Path, source: str | Path, deliver: bool) -> None:
+def check_output(target: Path, source: str | Path | Asset, deliver: bool) -> None:
     """Refuse an output that could not or must not be written, before any work is done.
 
     Parameters
     ----------
     target : Path
         The output; what is written beside it is looked at, too.
-    source : str or Path
-        What will be read. None of the files it could ever use may be overwritten.
+    source : str, Path or Asset
+        What will be, or was, read. None of the files it could ever use may be overwritten.
     deliver : bool
         Whether the output will be a deliverable.
 
@@ -34,14 +34,15 @@ def check_output(target: Path, source: str | Path, deliver: bool) -> None:
         If it is part of the source, its name is too long, or its folder is missing or cannot be
         written to.
     """
-    if target.resolve() == Path(source).resolve():
+    path = Path(source.source if isinstance(source, Asset) else source)
+    if target.resolve() == path.resolve():
         raise UsageError("the output is the source itself", source=target)
     if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
         raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
     beside = [manifest_path(target), *([assets_folder(target)] if deliver else [])]
     require_names_fit([target, *beside])
     require_apart([target, *beside], files_in_reach(source))
-    if _joins(target, Path(source)):
+    if _joins(target, path):
         raise OutputError("would become a frame of the source", source=target)
     folder = target.parent
     if not folder.is_dir():

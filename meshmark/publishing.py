@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from glob import glob
 from pathlib import Path
 from typing import Any
 
 from meshmark.animation import Asset
 from meshmark.errors import UsageError
+from meshmark.isolation.reading import read_isolated
 from meshmark.json_values import number
 from meshmark.keys import Key
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
@@ -20,7 +20,7 @@ from meshmark.outputs import check_output, complete, reread
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
-from meshmark.sources import read, texture_coordinates, writer
+from meshmark.sources import read, source_digests, texture_coordinates, writer
 from meshmark.unmarked import (
     require_allowed,
     require_small,
@@ -52,6 +52,7 @@ def mark_file(
     allow_unmarked: Sequence[str] = (),
     keep_metadata: bool = False,
     dry_run: bool = False,
+    trusted: bool = True,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Manifest:
@@ -83,6 +84,9 @@ def mark_file(
         Deliver comments, authors, paths and whatever else tells of the source's origin, too.
     dry_run : bool
         Do everything but write.
+    trusted : bool
+        Without it, the source is first read in a process of its own, so that one that crashes or
+        hangs the library is told of in one line. The layer is written by this process all the same.
     jobs : int
         Worker processes.
     progress : callable, optional
@@ -106,12 +110,12 @@ def mark_file(
     if keep_metadata and not deliver:
         raise UsageError("--keep-metadata is for --deliver only")
     target = Path(output)
-    check_output(target, source, deliver)
     recipient = None if recipient is None else recipient_name(recipient)
     recipe = recipe or Recipe()
-    original = read(source, prims)
+    original = read(source, prims) if trusted else read_isolated(source, prims, textures=True)
+    check_output(target, original, deliver)
     write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
-    others = unasked(read(source), prims) if deliver and prims else ()
+    others = unasked(read(source, isolated=not trusted), prims) if deliver and prims else ()
     markable = split_fit(original)
     if deliver:
         require_allowed(markable, allow_unmarked)
@@ -172,23 +176,11 @@ def mark_file(
     return Manifest(document, path)
 
 
-def source_files(asset: Asset) -> list[Path]:
-    """List the files a source consists of, sorted."""
-    if asset.reader == "usd":
-        from meshmark.usd.opening import stage_files
-
-        return sorted(stage_files(asset.source))
-    if asset.path.is_dir():
-        return sorted(path for path in asset.path.iterdir() if path.is_file())
-    # Path.glob takes no absolute patterns.
-    return sorted(Path(name) for name in glob(asset.source)) or [asset.path]  # noqa: PTH207
-
-
 def _source(original: Asset, target: Path) -> dict[str, Any]:
     folder = target.parent.resolve()
     return {
         "path": Path(os.path.relpath(original.source, folder)).as_posix(),
-        "files": file_hashes([path.resolve() for path in source_files(original)], folder),
+        "files": file_hashes(source_digests(original), folder),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 import weakref
 from dataclasses import dataclass, field
@@ -109,6 +110,27 @@ class ScratchFile:
 
     def __reduce__(self) -> tuple[object, ...]:
         return (ScratchFile, (self.path, self.n_points, self.dtype))
+
+
+class ScratchFolder:
+    """A temporary folder that lives as long as this object does, or its process.
+
+    Raises
+    ------
+    OutputError
+        If there is no place for it.
+    """
+
+    def __init__(self) -> None:
+        try:
+            self.path = Path(tempfile.mkdtemp(prefix="meshmark-"))
+        except OSError as error:
+            raise OutputError(no_room(error)) from None
+        self._finalizer = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+    def remove(self) -> None:
+        """Remove it now."""
+        self._finalizer()
 
 
 class _Owner:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,9 +22,15 @@ if TYPE_CHECKING:
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
+CHUNK = 1 << 24  # bytes of a file that are hashed at a time
 
 
-def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
+def is_stage(source: str) -> bool:
+    """Tell whether a source is one of USD's own files."""
+    return source.lower().endswith(STAGE_SUFFIXES)
+
+
+def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = False) -> Asset:
     """Read every mesh of a USD file, a folder or glob of OBJ frames, or a glTF file.
 
     Parameters
@@ -32,6 +39,9 @@ def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
         What to read.
     prims : sequence of str
         Paths of the meshes wanted; all where empty.
+    isolated : bool
+        For files nobody vouches for: all is read now, in a process of its own with limits on
+        memory and time; see `meshmark.isolation.reading`.
 
     Returns
     -------
@@ -46,7 +56,11 @@ def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
         If a wanted mesh is not in it.
     """
     name = str(source)
-    if name.lower().endswith(STAGE_SUFFIXES):
+    if isolated:
+        from meshmark.isolation.reading import read_isolated
+
+        return read_isolated(name, prims)
+    if is_stage(name):
         from meshmark.usd.reading import read_stage
 
         return read_stage(name, list(prims) or None)
@@ -65,8 +79,11 @@ def read(source: str | Path, prims: Sequence[str] = ()) -> Asset:
     )
 
 
-def files_in_reach(source: str | Path) -> list[Path]:
+def files_in_reach(source: str | Path | Asset) -> list[Path]:
     """List every file a source could use, whatever is selected or loaded; none if it is missing."""
+    if isinstance(source, Asset):
+        facts = source.facts
+        return files_in_reach(source.source) if facts is None else [*map(Path, facts.reach)]
     path = Path(source)
     if path.name.lower().endswith(STAGE_SUFFIXES) and path.is_file():
         from meshmark.usd.reach import files_in_reach as of_stage
@@ -78,6 +95,44 @@ def files_in_reach(source: str | Path) -> list[Path]:
     return [path] if path.exists() else [Path(name) for name in glob(str(source), recursive=True)]  # noqa: PTH207
 
 
+def source_files(source: str) -> list[Path]:
+    """List the files a source consists of, sorted."""
+    if is_stage(source):
+        from meshmark.usd.opening import stage_files
+
+        return sorted(stage_files(source))
+    path = Path(source)
+    if path.is_dir():
+        return sorted(entry for entry in path.iterdir() if entry.is_file())
+    # Path.glob takes no absolute patterns.
+    return sorted(Path(name) for name in glob(source)) or [path]  # noqa: PTH207
+
+
+def source_digests(asset: Asset) -> tuple[tuple[str, str], ...]:
+    """Return the absolute path and the SHA-256 of each file of an asset's source.
+
+    Where all was read before, they are those of the very bytes that were.
+    """
+    if asset.facts is not None:
+        return asset.facts.files
+    files = (path.resolve() for path in source_files(asset.source))
+    return tuple((str(path), sha256(path)) for path in files)
+
+
+def sha256(path: Path, beat: Callable[[], None] | None = None) -> str:
+    """Hash a file; `beat` is called after every few megabytes."""
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while chunk := file.read(CHUNK):
+                digest.update(chunk)
+                if beat is not None:
+                    beat()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+    return digest.hexdigest()
+
+
 def texture_coordinates(asset: Asset, prim: str) -> NDArray[np.float64] | None:
     """Read the texture coordinates of a mesh, where its kind of source has them for us.
 
@@ -86,6 +141,8 @@ def texture_coordinates(asset: Asset, prim: str) -> NDArray[np.float64] | None:
     (F, 3, 2) float64 or None
         For each corner of each triangle; None if there are none, or the source is no stage.
     """
+    if asset.facts is not None:
+        return asset.facts.texture_coordinates(prim)
     if asset.reader != "usd":
         return None
     from meshmark.usd.texture_coordinates import read_texture_coordinates

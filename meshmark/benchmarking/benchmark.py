@@ -75,6 +75,7 @@ def run_benchmark(
     *,
     frames: str | None = None,
     seed: int = 0,
+    trusted: bool = True,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -95,6 +96,8 @@ def run_benchmark(
         Range A:B[:S] of time codes; the others are neither marked nor attacked.
     seed : int
         Of the key and of every attack. Two runs differ in their timings only.
+    trusted : bool
+        Without it, the sources are first read in processes of their own.
     jobs : int
         Worker processes.
     progress : callable, optional
@@ -116,7 +119,7 @@ def run_benchmark(
         If the folder cannot be written to.
     """
     start = time.perf_counter()
-    subjects = subjects_of(sources, frames)
+    subjects = subjects_of(sources, frames, isolated=not trusted)
     place = Place(folder)
     bench = _bench(place, suite, recipes, seed)
     pairings = [

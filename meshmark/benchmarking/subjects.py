@@ -10,8 +10,7 @@ import numpy as np
 
 from meshmark.animation import Asset, InMemoryFrames, MeshAnimation
 from meshmark.manifest import file_hashes
-from meshmark.publishing import source_files
-from meshmark.sources import read
+from meshmark.sources import read, source_digests
 from meshmark.timeline import frames_in
 
 # Two frames this near each other count as one: RMS over the points, share of the diagonal.
@@ -44,8 +43,15 @@ class Subject:
         return select_frames(read(self.source), self.frames)
 
 
-def subjects_of(sources: Sequence[str], frames: str | None) -> tuple[Subject, ...]:
+def subjects_of(
+    sources: Sequence[str], frames: str | None, *, isolated: bool = False
+) -> tuple[Subject, ...]:
     """Look at the sources before any work is done.
+
+    Parameters
+    ----------
+    isolated : bool
+        Look at them in a process of its own, as `meshmark.read` can.
 
     Raises
     ------
@@ -56,7 +62,8 @@ def subjects_of(sources: Sequence[str], frames: str | None) -> tuple[Subject, ..
     """
     names = short_names(sources)
     return tuple(
-        _subject(name, source, frames) for name, source in zip(names, sources, strict=True)
+        _subject(name, source, frames, isolated)
+        for name, source in zip(names, sources, strict=True)
     )
 
 
@@ -69,12 +76,11 @@ def short_names(sources: Sequence[str]) -> list[str]:
     ]
 
 
-def _subject(name: str, source: str, frames: str | None) -> Subject:
-    asset = read(source)
+def _subject(name: str, source: str, frames: str | None, isolated: bool) -> Subject:
+    asset = read(source, isolated=isolated)
     for mesh in asset.meshes:
         frames_in(mesh, frames)
-    files = [path.resolve() for path in source_files(asset)]
-    hashes = file_hashes(files, Path(source).resolve().parent)
+    hashes = file_hashes(source_digests(asset), Path(source).resolve().parent)
     return Subject(name, source, frames, tuple((h["file"], h["sha256"]) for h in hashes))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from meshmark.cli.console import say
-from meshmark.cli.options import OutputOption, SeedOption, SourceArgument
+from meshmark.cli.options import OutputOption, SeedOption, SourceArgument, TrustedOption
 
 
 def attack(
@@ -21,14 +21,16 @@ def attack(
         typer.Option("--parameter", "-p", metavar="PARAMETER=VALUE", help="Of the attack."),
     ] = [],  # noqa: B006 (typer makes a new list each time)
     seed: SeedOption = 0,
+    trusted: TrustedOption = False,
 ) -> None:
     """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.attacking import attack_asset, attack_from_text, write_attacked
     from meshmark.outputs import check_output
     from meshmark.sources import read
 
-    check_output(output, source, deliver=False)
     made = attack_from_text(name, parameters)
-    attacked = attack_asset(read(source), made, seed)
+    asset = read(source, isolated=not trusted)
+    check_output(output, asset, deliver=False)
+    attacked = attack_asset(asset, made, seed)
     write_attacked(attacked, output)
     say(f"{output}: written")

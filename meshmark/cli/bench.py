@@ -16,6 +16,7 @@ from meshmark.cli.options import (
     SeedOption,
     SegmenterOption,
     SetOption,
+    TrustedOption,
 )
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
@@ -50,6 +51,7 @@ def bench(
     ] = [],  # noqa: B006
     frames: FramesOption = None,
     seed: SeedOption = 0,
+    trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Mark every SOURCE, attack the copies, verify them blindly, and report."""
@@ -69,6 +71,7 @@ def bench(
             output,
             frames=frames,
             seed=seed,
+            trusted=trusted,
             jobs=default_jobs(),
             progress=progress,
         )

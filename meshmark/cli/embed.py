@@ -17,6 +17,7 @@ from meshmark.cli.options import (
     SegmenterOption,
     SetOption,
     SourceArgument,
+    TrustedOption,
     load_key,
 )
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
@@ -65,6 +66,7 @@ def embed(
         typer.Option("--all", help="List everything that is told of, not the first few of a kind."),
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Do all but write.")] = False,
+    trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
@@ -88,6 +90,7 @@ def embed(
             allow_unmarked=allow_unmarked,
             keep_metadata=keep_metadata,
             dry_run=dry_run,
+            trusted=trusted,
             jobs=default_jobs(),
             progress=progress,
         )

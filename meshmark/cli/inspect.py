@@ -13,6 +13,7 @@ from meshmark.cli.options import (
     SegmenterOption,
     SetOption,
     SourceArgument,
+    TrustedOption,
 )
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
@@ -25,6 +26,7 @@ def inspect(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
@@ -33,7 +35,7 @@ def inspect(
     from meshmark.sources import read
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings)
-    document = inspect_asset(read(source), recipe)
+    document = inspect_asset(read(source, isolated=not trusted), recipe)
     if json:
         put_json(document)
     else:

@@ -33,6 +33,12 @@ FramesOption = Annotated[
     typer.Option(metavar="A:B[:S]", help="Time codes from A to B, every S-th frame."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")]
+TrustedOption = Annotated[
+    bool,
+    typer.Option(
+        "--trusted", help="Read SOURCE in this process, which it could crash; a second faster."
+    ),
+]
 SeedOption = Annotated[int, typer.Option(help="Seed of everything random.")]
 
 

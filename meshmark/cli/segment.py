@@ -9,6 +9,7 @@ from meshmark.cli.options import (
     SegmenterOption,
     SetOption,
     SourceArgument,
+    TrustedOption,
 )
 from meshmark.defaults import DEFAULT_SEGMENTER
 
@@ -19,14 +20,15 @@ def segment(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     frames: FramesOption = None,
+    trusted: TrustedOption = False,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
     from meshmark.outputs import check_output
     from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
     from meshmark.sources import read
 
-    check_output(output, source, deliver=False)
-    asset = read(source)
+    asset = read(source, isolated=not trusted)
+    check_output(output, asset, deliver=False)
     labels = segment_asset(asset, segmenter_from_text(segmenter, settings), frames)
     write_segmented(asset, labels, frames, output)
     for prim, each in labels.items():

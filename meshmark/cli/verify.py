@@ -16,6 +16,7 @@ from meshmark.cli.options import (
     KeyOption,
     SegmenterOption,
     SetOption,
+    TrustedOption,
     load_key,
 )
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
@@ -79,6 +80,7 @@ def verify(
     everything: Annotated[
         bool, typer.Option("--all", help="Tell of every mesh, however many there are.")
     ] = False,
+    trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Say of each SOURCE whether it bears the key's mark, whose copy it is, and how surely."""
@@ -97,6 +99,7 @@ def verify(
         evidence=evidence,
         authenticated=not unauthenticated,
         fpr=fpr,
+        trusted=trusted,
     )
     secret = load_key(key)
     verdicts: list[Verdict] = []
@@ -151,6 +154,7 @@ class Request:
     evidence: Path | None
     authenticated: bool
     fpr: float
+    trusted: bool
 
 
 def _names(recipients: Sequence[str]) -> list[str]:
@@ -183,12 +187,13 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
                 recipes=request.recipes,
                 frames=request.frames,
                 authenticated=request.authenticated,
+                isolated=not request.trusted,
                 jobs=default_jobs(),
                 progress=tell,
             )
             return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
         return verify_asset(
-            read(source),
+            read(source, isolated=not request.trusted),
             secret,
             recipes=request.recipes,
             recipients=request.recipients,

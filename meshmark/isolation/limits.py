@@ -1,0 +1,111 @@
+"""What reading a source may take: time, memory, room on disk."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from meshmark.errors import UsageError
+
+SECONDS_VARIABLE = "MESHMARK_READ_SECONDS"
+MEMORY_VARIABLE = "MESHMARK_READ_MEMORY"
+DISK_VARIABLE = "MESHMARK_READ_DISK"
+GB = 1e9  # bytes
+
+# Wall time the reading process is given beyond what its parent waits: it ends by itself only if
+# there is no parent any more.
+GRACE = 10  # seconds
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What reading a source may take.
+
+    Parameters
+    ----------
+    seconds : float
+        Until it is open, and for each further frame.
+    memory : float
+        GB beyond the size of the source.
+    disk : float
+        GB of temporary files.
+    """
+
+    seconds: float = 20.0
+    memory: float = 4.0
+    disk: float = 32.0
+
+    @classmethod
+    def from_environment(cls) -> Limits:
+        """Return the limits that the environment sets, or the defaults.
+
+        Raises
+        ------
+        UsageError
+            If one is not a positive number.
+        """
+        return cls(
+            _positive(SECONDS_VARIABLE, cls.seconds),
+            _positive(MEMORY_VARIABLE, cls.memory),
+            _positive(DISK_VARIABLE, cls.disk),
+        )
+
+    def impose(self, source: str) -> None:
+        """Limit this process from now on, where the system knows how to."""
+        if sys.platform == "win32":
+            return
+        import resource
+
+        # What dumps a crash leaves would be as large as the memory.
+        _limit(resource.RLIMIT_CORE, 0)
+        _limit(resource.RLIMIT_FSIZE, int(self.disk * GB))
+        path = Path(source)
+        size = path.stat().st_size if path.is_file() else 0
+        _limit(resource.RLIMIT_AS, _address_space() + int(self.memory * GB) + size)
+
+    def expect_progress(self) -> None:
+        """End this process unless this is called again in time, whatever it is at then.
+
+        A signal does that even where a library never comes back; its parent gives up earlier.
+        """
+        if sys.platform != "win32":
+            import signal
+
+            signal.alarm(math.ceil(self.seconds) + GRACE)
+
+
+def _positive(variable: str, default: float) -> float:
+    text = os.environ.get(variable)
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise UsageError(f"{variable} must be a positive number, not {text!r}")
+    return value
+
+
+def _limit(kind: int, value: int) -> None:
+    import resource
+
+    _, most = resource.getrlimit(kind)
+    allowed = value if most == resource.RLIM_INFINITY else min(value, most)
+    try:
+        resource.setrlimit(kind, (allowed, allowed))
+    except (OSError, ValueError):
+        # Such as macOS, which has no limit of this kind: the others hold all the same.
+        return
+
+
+def _address_space() -> int:
+    """Return what of the address space this process has taken by now, in bytes, if known."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+    except OSError:
+        return int(GB)
+    return pages * os.sysconf("SC_PAGE_SIZE")

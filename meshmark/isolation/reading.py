@@ -1,0 +1,187 @@
+"""Reads a source in a process of its own, and outlives whatever that does to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from meshmark.animation import Asset
+from meshmark.errors import InputError
+from meshmark.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
+from meshmark.isolation.report import (
+    ARRAYS,
+    REPORT,
+    WITH_TEXTURES,
+    WITHOUT,
+    asset_from,
+    error_from,
+)
+from meshmark.scratch import ScratchFolder
+from meshmark.sources import is_stage
+
+PROGRAM = "meshmark.isolation.child"
+COMPLAINTS = "stderr"
+# Python and its modules may come from far away.
+TO_START = 60.0  # seconds
+# Of a report: all but arrays.
+MOST_REPORTED = 1 << 26  # bytes
+MOST_COMPLAINTS = 1 << 16
+# What a report raises that does not fit.
+NONSENSE = (AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError)
+
+
+def read_isolated(
+    source: str | Path, prims: Sequence[str] = (), *, textures: bool = False
+) -> Asset:
+    """Read a source as `meshmark.read` does, in a process of its own that is given limits.
+
+    A file made to crash or to hang a library takes that process with it, and nothing else. All
+    frames are read, once, into a temporary file; the asset reads them from there.
+
+    Parameters
+    ----------
+    source : str or Path
+        What to read.
+    prims : sequence of str
+        Paths of the meshes wanted; all where empty.
+    textures : bool
+        Read texture coordinates, too.
+
+    Returns
+    -------
+    Asset
+        Its `facts` tell the files it was read from. The temporary file lives as long as the
+        asset, its meshes or anything made of them.
+
+    Raises
+    ------
+    InputError
+        As `meshmark.read`; or if reading crashes, needs more memory or time than it is given, or
+        if the source changes meanwhile.
+    UsageError
+        If a wanted mesh is not in it, or a limit makes no sense.
+    """
+    limits = Limits.from_environment()
+    folder = ScratchFolder()
+    try:
+        report = _run(folder.path, str(source), prims, textures, limits)
+        if "asset" in report:
+            path = folder.path / ARRAYS
+            return asset_from(report, str(source), path, folder)
+        raise _failure(report, str(source))
+    except NONSENSE as error:
+        folder.remove()
+        raise InputError(f"reading it goes astray: {error}", source=source) from None
+    except BaseException:
+        folder.remove()
+        raise
+
+
+def _run(
+    folder: Path, source: str, prims: Sequence[str], textures: bool, limits: Limits
+) -> dict[str, Any]:
+    """Let the process read, and return its report."""
+    asked = WITH_TEXTURES if textures else WITHOUT
+    command = [sys.executable, "-P", "-m", PROGRAM, str(folder), source, asked, *prims]
+    with (folder / COMPLAINTS).open("wb") as complaints:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=complaints,
+            env=_environment(),
+        )
+    with process:
+        try:
+            if not _goes_on(process, limits.seconds):
+                raise InputError(
+                    f"reading it gets nowhere in {limits.seconds:g} s; {SECONDS_VARIABLE} can "
+                    "allow more",
+                    source=source,
+                )
+        finally:
+            process.kill()
+    if process.returncode:
+        raise InputError(_death(process.returncode, folder, source), source=source)
+    with (folder / REPORT).open("rb") as file:
+        report = file.read(MOST_REPORTED + 1)
+    if len(report) > MOST_REPORTED:
+        raise InputError("there is too much to say about it", source=source)
+    return dict(json.loads(report))
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the process: it finds the modules we do, and needs few threads."""
+    return {
+        "OPENBLAS_NUM_THREADS": "1",
+        "MALLOC_ARENA_MAX": "2",
+        **os.environ,
+        "PYTHONSAFEPATH": "1",
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+    }
+
+
+def _goes_on(process: subprocess.Popen[bytes], seconds: float) -> bool:
+    """Wait until a process ends; tell whether it got on all the time."""
+    assert process.stdout is not None
+    said: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    listener = threading.Thread(target=_listen, args=(process.stdout.fileno(), said), daemon=True)
+    listener.start()
+    patience = max(seconds, TO_START)
+    try:
+        while said.get(timeout=patience):
+            patience = seconds
+        process.wait(timeout=seconds)
+    except (queue.Empty, subprocess.TimeoutExpired):
+        return False
+    finally:
+        # Nobody reads any more when the pipe is closed.
+        process.kill()
+        listener.join()
+    return True
+
+
+def _listen(descriptor: int, said: queue.SimpleQueue[bytes]) -> None:
+    while True:
+        some = os.read(descriptor, 1 << 16)
+        said.put(some)
+        if not some:
+            return
+
+
+def _death(code: int, folder: Path, source: str) -> str:
+    """Say how the process ended."""
+    reader = "the USD library" if is_stage(source) else "its reader"
+    if code == -getattr(signal, "SIGKILL", 0):
+        return "the process that reads it was killed, as when memory runs out"
+    if code < 0:
+        return (
+            f"crashes {reader} (signal {-code}), or needs more memory than {MEMORY_VARIABLE} allows"
+        )
+    with (folder / COMPLAINTS).open("rb") as file:
+        lines = file.read(MOST_COMPLAINTS).decode(errors="replace").split("\n")
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "no reason given")
+    return f"the process that reads it ended with {code}: {last}"
+
+
+def _failure(report: dict[str, Any], source: str) -> Exception:
+    """Return what reading raised."""
+    if "error" in report:
+        return error_from(report["error"])
+    if "memory" in report:
+        return InputError(
+            f"needs more than {report['memory']:g} GB of memory to read; {MEMORY_VARIABLE} can "
+            "allow more",
+            source=source,
+        )
+    bug = RuntimeError(f"{report['bug']} (while {source} was read)")
+    bug.add_note(str(report["traceback"]))
+    return bug
