@@ -109,7 +109,7 @@ class Verdict:
     prims : tuple of PrimVerdict
         Mesh by mesh.
     notes : tuple of str
-        What could not be looked at, and why.
+        What could not be looked at, and why: layers, meshes and frames.
     unauthenticated : Verdict or None
         What evidence says that anybody may have written, if there is no other.
     recipients : tuple of Named
@@ -137,6 +137,7 @@ class Verdict:
             "recipients": [named.recipient for named in self.recipients],
             "elapsed_s": round(self.elapsed_s, 3),
             "prims": [prim.as_json() for prim in self.prims],
+            "notes": list(self.notes),
         }
         return entry if said is None else {**entry, "unauthenticated": said.as_json()}
 

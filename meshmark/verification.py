@@ -109,7 +109,8 @@ def gather(
             items += survey.evidence(view, chosen, restorations)
             survey.conclude(view)
     elapsed = time.perf_counter() - start
-    return AssetEvidence(whole.source, tuple(items), len(tried), survey.told(), elapsed)
+    notes = (*whole.notes, *survey.told())
+    return AssetEvidence(whole.source, tuple(items), len(tried), notes, elapsed)
 
 
 def _views(wanted: Sequence[Candidate], recipe: Recipe, jobs: int) -> list[Extraction]:
@@ -296,7 +297,8 @@ def verify_in_looks(
         if best.verdict == "marked":
             break
     assert best is not None
-    return replace(best, elapsed_s=time.perf_counter() - start, notes=survey.told())
+    notes = (*whole.notes, *survey.told())
+    return replace(best, elapsed_s=time.perf_counter() - start, notes=notes)
 
 
 def _better(new: Verdict, old: Verdict) -> bool:

@@ -88,8 +88,11 @@ def test_bad_stages(run, tmp_path, name, command) -> None:
     if command == "embed":
         result = run("embed", "bad.usda", "-o", "out.usda", "--key", "k")
         assert_refused(result, 3, "bad.usda", named)
-    elif name == "a mesh too small":
-        # Nothing is wrong with the file: inspect foresees it, and verify finds too few chips.
+    elif name == "a mesh too small" or (name, command) == (
+        "point count changing over time",
+        "verify",
+    ):
+        # Nothing is wrong with a frame: inspect foresees it, and verify finds too few chips.
         code, _, err = run(command, "bad.usda", *(["--key", "k"] if command == "verify" else []))
         assert code == {"inspect": 1, "verify": 4}[command], err
     elif (command, name) == ("verify", "point count changing over time"):
@@ -261,3 +264,17 @@ def test_names_files_that_are_none(run, tmp_path) -> None:
     (tmp_path / "names").write_bytes(b"acme\nglo\0bex\n")
     for name in ("names", "nowhere", "."):
         assert_refused(run("verify", "a.usda", "--key", "k", "--recipient", f"@{name}"), 3, name)
+
+
+def test_verify_says_what_is_missing_from_the_stage(run, tmp_path) -> None:
+    payload = 'def Xform "B" (payload = @./gone.usdc@)\n{\n}\n'
+    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS) + payload + 'def Points "P"\n{\n}\n')
+    code, out, err = run("verify", "a.usda", "--key", "k", "--json")
+    assert code == 4
+    notes = json.loads(out)["assets"][0]["notes"]
+    for told in ("gone.usdc@ for payload", "not looked at: 1 Points"):
+        assert any(told in note for note in notes)
+        assert told in err
+    code, _, err = run("verify", "a.usda", "--key", "k", "--frames", ":")
+    assert code == 4
+    assert "gone.usdc@ for payload" in err

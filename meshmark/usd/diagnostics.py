@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from pxr import Tf, UsdUtils
@@ -15,6 +15,7 @@ _NOISE = re.compile(r"\s*\((?:instantiating|recomposing|loading)[^()]*stage[^()]
 _MANGLED = re.compile(r"pxrInternal_\w+?__::")
 # The rule of the grammar that did not match, in the parser's own C++.
 _RULE = re.compile(r"(?<=parse error) matching .*(?= at ')")
+_UNOPENED = re.compile(r"(?:[Cc]ould not|[Uu]nable to|[Ff]ailed to) (?:open|load) [^@]*@([^@]*)@")
 # Said after the error that has the reason.
 _EMPTY_TALK = "Failed to open layer"
 
@@ -62,6 +63,12 @@ def reason(error: Tf.ErrorException) -> str:
     lines = [_commentary(item) for item in error.args]
     telling = [line for line in lines if not line.startswith(_EMPTY_TALK)]
     return next(iter([*telling, *lines]), "pxr gives no reason")
+
+
+def unopened(messages: Iterable[str]) -> list[str]:
+    """List the layers that pxr says it could not open, each once."""
+    found = (_UNOPENED.search(message) for message in messages)
+    return list(dict.fromkeys(match.group(1) for match in found if match))
 
 
 def _commentary(diagnostic: Tf.DiagnosticBase) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from pxr import Usd, UsdGeom, UsdSkel
 
 INSTANCED = "inside an instance: cannot be marked in place, only in a flattened deliverable"
 SKINNED = "skinned: rest pose points"
+INVISIBLE = "invisible at its first time"
 
 
 def mesh_prims(stage: Usd.Stage) -> list[Usd.Prim]:
@@ -41,6 +44,29 @@ def missing_layers(stage: Usd.Stage) -> list[tuple[str, str]]:
     return list(said.items())
 
 
+def not_looked_at(stage: Usd.Stage) -> tuple[str, ...]:
+    """Count what a stage holds beside the meshes that `mesh_prims` lists, by kind."""
+    found = Usd.PrimRange(
+        stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
+    )
+    counts = Counter(kind for prim in found if (kind := _other_kind(prim)) is not None)
+    if not counts:
+        return ()
+    return (f"not looked at: {', '.join(f'{n} {kind}' for kind, n in sorted(counts.items()))}",)
+
+
+def _other_kind(prim: Usd.Prim) -> str | None:
+    shown = prim.IsActive() and prim.IsDefined() and not prim.IsAbstract()
+    if prim.IsA(UsdGeom.Mesh):
+        if shown:
+            return None
+        hidden = "class" if prim.IsAbstract() else "over" if prim.IsActive() else "deactivated"
+        return f"Mesh ({hidden})"
+    if shown and (prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer)):
+        return str(prim.GetTypeName())
+    return None
+
+
 def is_guide(prim: Usd.Prim) -> bool:
     """Tell whether a prim only helps those who work on the stage (purpose `guide`)."""
     return bool(UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide)
@@ -55,5 +81,13 @@ def is_skinned(prim: Usd.Prim) -> bool:
 
 def notes(prim: Usd.Prim) -> tuple[str, ...]:
     """Say what a person should know about how a mesh prim is read."""
-    said = {INSTANCED: prim.IsInstanceProxy(), SKINNED: is_skinned(prim)}
+    image = UsdGeom.Imageable(prim)
+    purpose = str(image.ComputePurpose())
+    visibility = image.ComputeVisibility(Usd.TimeCode.EarliestTime())
+    said = {
+        INSTANCED: prim.IsInstanceProxy(),
+        SKINNED: is_skinned(prim),
+        f"purpose {purpose}": purpose != UsdGeom.Tokens.default_,
+        INVISIBLE: visibility == UsdGeom.Tokens.invisible,
+    }
     return tuple(note for note, applies in said.items() if applies)

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from pxr import Usd, UsdGeom
 
 from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import InputError, UsageError
-from meshmark.usd.diagnostics import caught
+from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import local_points, sample_times, topology_varies
-from meshmark.usd.opening import OpenStage, open_stage
-from meshmark.usd.prims import hidden_prototypes, is_guide, mesh_prims, missing_layers, notes
+from meshmark.usd.opening import open_stage
+from meshmark.usd.prims import (
+    hidden_prototypes,
+    is_guide,
+    mesh_prims,
+    missing_layers,
+    not_looked_at,
+    notes,
+)
 
 READER = "usd"
 NOT_DEFINED = "not defined, and shown by a point instancer all the same"
@@ -40,8 +48,9 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     Returns
     -------
     Asset
-        Its notes hold what pxr warned of and which meshes were left out, and why; the latter
-        it also lists, together with prims that lack a layer and prototypes nobody defines.
+        Its notes hold what pxr warned of, such as layers that are missing, which meshes were
+        left out, and why, and how much there is beside meshes. It also lists those left out,
+        together with prims that lack a layer and prototypes nobody defines.
 
     Raises
     ------
@@ -50,26 +59,50 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     UsageError
         If a wanted mesh does not exist.
     """
-    # Layers are opened, and values unpacked, whenever pxr first needs them.
-    with caught(source):
-        return _read(source, prims)
-
-
-def _read(source: str, prims: Sequence[str] | None) -> Asset:
     opened = open_stage(source)
-    found = {str(prim.GetPath()): prim for prim in mesh_prims(opened.stage)}
+    try:
+        # Layers are opened, and values unpacked, whenever pxr first needs them.
+        with caught(source) as said:
+            asset = _read(source, opened.stage, prims)
+    except InputError as error:
+        # What is wrong with a mesh may be what is missing from it.
+        missing = unopened([*opened.warnings, *said])
+        if not missing:
+            raise
+        message = f"{error.message}; could not open {', '.join(missing)}"
+        raise type(error)(message, source=source, prim=error.prim, time=error.time) from None
+    return replace(asset, notes=tuple(dict.fromkeys((*opened.warnings, *said, *asset.notes))))
+
+
+def _read(source: str, stage: Usd.Stage, prims: Sequence[str] | None) -> Asset:
+    found = {str(prim.GetPath()): prim for prim in mesh_prims(stage)}
     if not found:
         raise InputError("the stage holds no mesh", source=source)
-    if prims is not None:
+    if prims is None:
+        meshes, left_out = _read_fit(source, found.values())
+        unseen = _unseen(stage)
+    else:
         _require(source, prims, found)
         meshes = tuple(_read_mesh(source, found[path]) for path in dict.fromkeys(prims))
-        return _asset(source, opened, meshes, ())
-    meshes, left_out = _read_fit(source, found.values())
-    unseen = (
-        *(LeftOut(path, reason) for path, reason in missing_layers(opened.stage)),
-        *(LeftOut(str(prim.GetPath()), NOT_DEFINED) for prim in hidden_prototypes(opened.stage)),
+        left_out, unseen = (), ()
+    told = (f"{each.prim}: left out: {each.reason}" for each in left_out)
+    return Asset(
+        source=source,
+        meshes=meshes,
+        reader=READER,
+        up_axis=str(UsdGeom.GetStageUpAxis(stage)),
+        meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
+        fps=float(stage.GetTimeCodesPerSecond()),
+        notes=(*told, *not_looked_at(stage)),
+        left_out=(*left_out, *unseen),
     )
-    return _asset(source, opened, meshes, left_out, unseen)
+
+
+def _unseen(stage: Usd.Stage) -> tuple[LeftOut, ...]:
+    return (
+        *(LeftOut(path, reason) for path, reason in missing_layers(stage)),
+        *(LeftOut(str(prim.GetPath()), NOT_DEFINED) for prim in hidden_prototypes(stage)),
+    )
 
 
 def _require(source: str, wanted: Iterable[str], found: dict[str, Usd.Prim]) -> None:
@@ -117,27 +150,4 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
         notes=said,
         in_place=in_place,
         dtype=dtype,
-    )
-
-
-def _asset(
-    source: str,
-    opened: OpenStage,
-    meshes: tuple[MeshAnimation, ...],
-    left_out: tuple[LeftOut, ...],
-    unseen: tuple[LeftOut, ...] = (),
-) -> Asset:
-    stage = opened.stage
-    return Asset(
-        source=source,
-        meshes=meshes,
-        reader=READER,
-        up_axis=str(UsdGeom.GetStageUpAxis(stage)),
-        meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        fps=float(stage.GetTimeCodesPerSecond()),
-        notes=(
-            *opened.warnings,
-            *(f"{each.prim}: left out: {each.reason}" for each in left_out),
-        ),
-        left_out=(*left_out, *unseen),
     )
