@@ -13,7 +13,7 @@ from meshmark.keys import Key
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
-from meshmark.timeline import frames_in
+from meshmark.timeline import frames_in, in_range
 
 MeshProgress = Callable[[str, int, int], None]
 
@@ -96,15 +96,17 @@ def embed(
     CapacityError
         If no mesh can hold a mark. Some meshes of several that cannot are listed as skipped.
     UsageError
-        If the recipient's is no name.
+        If the recipient's is no name, or no mesh has a frame in the range; those that have none
+        beside others are listed as skipped.
     """
     whose = None if recipient is None else recipient_name(recipient)
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     scheme = (recipe or Recipe()).build()
     name = (recipe or Recipe()).scheme
     marked: list[MarkedMesh] = []
-    skipped: list[LeftOut] = []
-    for animation in whole.meshes:
+    within, beyond = in_range(whole, frames)
+    skipped = list(beyond)
+    for animation in within.meshes:
         tell = None if progress is None else partial(progress, animation.prim)
         try:
             embedded = embed_animation(
@@ -118,7 +120,7 @@ def embed(
                 progress=tell,
             )
         except CapacityError as error:
-            if len(whole.meshes) == 1:
+            if len(within.meshes) == 1:
                 raise
             skipped.append(LeftOut(animation.prim, error.message))
             continue

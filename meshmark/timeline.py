@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from meshmark.animation import MeshAnimation
+from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import UsageError
 
 # Stands for "as many frames as it takes".
@@ -13,6 +15,9 @@ AUTO = "auto"
 
 def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     """Return the indices of the frames in a range A:B[:S] of time codes.
+
+    A mesh that has no time, because its points are not sampled, is the same at all times: its one
+    frame lies in every range.
 
     Parameters
     ----------
@@ -28,7 +33,8 @@ def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     if text is None or text == AUTO:
         return tuple(range(len(animation)))
     first, last, stride = _parse(text)
-    inside = np.flatnonzero((animation.times >= first) & (animation.times <= last))[::stride]
+    within = (animation.times >= first) & (animation.times <= last)
+    inside = np.flatnonzero(np.isnan(animation.times) | within)[::stride]
     if inside.size == 0:
         raise UsageError(
             f"no frame lies in {text}; there are {len(animation)}, "
@@ -37,6 +43,27 @@ def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
             prim=animation.prim,
         )
     return tuple(int(i) for i in inside)
+
+
+def in_range(asset: Asset, text: str | None) -> tuple[Asset, tuple[LeftOut, ...]]:
+    """Leave out the meshes of an asset that have no frame in a range; see `frames_in`.
+
+    Raises
+    ------
+    UsageError
+        If the text is not a range, or no mesh has a frame in it.
+    """
+    empty: dict[str, UsageError] = {}
+    for mesh in asset.meshes:
+        try:
+            frames_in(mesh, text)
+        except UsageError as error:
+            empty[mesh.prim] = error
+    kept = tuple(mesh for mesh in asset.meshes if mesh.prim not in empty)
+    if not kept:
+        raise next(iter(empty.values()))
+    left_out = tuple(LeftOut(prim, error.message) for prim, error in empty.items())
+    return replace(asset, meshes=kept), left_out
 
 
 def _parse(text: str) -> tuple[float, float, int]:

@@ -21,7 +21,7 @@ from meshmark.parallel import sharing_workers
 from meshmark.plugins import catalogue
 from meshmark.recipe import Recipe
 from meshmark.recipients import spellings
-from meshmark.timeline import AUTO, frames_in
+from meshmark.timeline import AUTO, frames_in, in_range
 from meshmark.verdict import Verdict, decide, together, without_weight
 
 # Meshes that one remark is made of, by name.
@@ -99,6 +99,7 @@ def gather(
     start = time.perf_counter()
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
     tried = tuple(recipes) or all_schemes()
+    whole, beyond = in_range(whole, frames)
     wanted = candidates(whole) if parts else [Candidate(mesh) for mesh in whole.meshes]
     survey = _Survey(progress)
     items: list[Evidence] = []
@@ -109,7 +110,8 @@ def gather(
             items += survey.evidence(view, chosen, restorations)
             survey.conclude(view)
     elapsed = time.perf_counter() - start
-    notes = (*whole.notes, *survey.told())
+    unseen = (f"{each.prim}: {each.reason}" for each in beyond)
+    notes = (*whole.notes, *unseen, *survey.told())
     return AssetEvidence(whole.source, tuple(items), len(tried), notes, elapsed)
 
 

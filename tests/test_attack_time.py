@@ -3,9 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
+from meshmark.animation import Asset, MeshAnimation
+from meshmark.attacking import attack_asset
 from meshmark.errors import UsageError
-from meshmark.testing.attacks import AttackSuite, sphere
+from meshmark.plugins import make_attack
+from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 
 BY_NAME = {record.name: record for record in RECORDS}
@@ -149,3 +151,14 @@ def test_reversing_twice_changes_nothing():
     twice = attacked("reverse", once)
     assert twice.times.tolist() == parabola.times.tolist()
     np.testing.assert_array_equal(positions(twice), positions(parabola))
+
+
+@pytest.mark.parametrize(
+    "name", ["drop", "resample", "reverse", "scale", "speed", "window", "combination"]
+)
+def test_a_mesh_that_does_not_change_stays_beside_one_that_moves(name):
+    still = MeshAnimation.from_arrays(*sphere(100), times=np.array([np.nan]), prim="/still")
+    asset = Asset("x", (bending_ball(), still), "memory")
+    attacked = attack_asset(asset, make_attack(name), 0).meshes[1]
+    assert len(attacked) == 1
+    assert np.isnan(attacked.times[0])

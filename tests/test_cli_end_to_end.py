@@ -347,3 +347,24 @@ def test_distortion_is_kept_within_its_limit(run, studio) -> None:
     code, _, err = run(*embed, "--scheme", "tsai2014")
     assert code == 2
     assert "max_mrms" in err
+
+
+def test_what_does_not_move_is_in_every_range(run, studio) -> None:
+    floor = """
+    def Mesh "Floor"
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(0, 0, 0), (9, 0, 0), (9, 0, 9), (0, 0, 9)]
+    }
+    """
+    for name, below in (("leak", "marked.usda"), ("set", "creature.usdc")):
+        text = f"#usda 1.0\n(\n    subLayers = [@./{below}@]\n)\n{floor}"
+        (studio / f"{name}.usda").write_text(text)
+    code, _, err = run("verify", "leak.usda", "--key", "k", "--scheme", "apex", "--frames", "9:9")
+    assert code == 0, err
+    code, _, err = run("embed", "set.usda", "-o", "o.usda", "--key", "k", "--frames", "9:9")
+    assert code == 1, err
+    assert "/Floor: not marked: " in err
+    manifest = json.loads((studio / "o.usda.meshmark.json").read_text())
+    assert [prim["marked_frames"] for prim in manifest["prims"]] == [1]

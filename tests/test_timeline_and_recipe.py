@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
+from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import UsageError
 from meshmark.recipe import Recipe, recipe_from_text
-from meshmark.timeline import frames_in
+from meshmark.timeline import frames_in, in_range
 
 TRIANGLE = (np.eye(3), np.array([[0, 1, 2]]))
 
@@ -35,6 +37,25 @@ def test_ranges_include_both_ends(text, expected) -> None:
 def test_what_is_no_range_is_refused(text) -> None:
     with pytest.raises(UsageError, match="A:B"):
         frames_in(animation([1.0, 2.0, 3.0]), text)
+
+
+@pytest.mark.parametrize("text", [None, ":", "1:1", "50:60:3"])
+def test_a_mesh_without_time_is_in_every_range(text) -> None:
+    assert frames_in(animation([np.nan]), text) == (0,)
+
+
+def test_meshes_beyond_the_range_are_left_out_while_others_are_in_it() -> None:
+    early, late, still = (
+        replace(animation(times), prim=prim)
+        for prim, times in {"/early": [1.0, 2.0], "/late": [8.0, 9.0], "/still": [np.nan]}.items()
+    )
+    asset = Asset("x", (early, late, still), "memory")
+    kept, left_out = in_range(asset, "1:5")
+    assert [mesh.prim for mesh in kept.meshes] == ["/early", "/still"]
+    assert [each.prim for each in left_out] == ["/late"]
+    assert "no frame lies in 1:5" in left_out[0].reason
+    with pytest.raises(UsageError, match="/early: no frame lies in 4:5"):
+        in_range(replace(asset, meshes=(early, late)), "4:5")
 
 
 def test_an_empty_range_says_what_there_is() -> None:

@@ -40,7 +40,9 @@ class Speed:
         object.__setattr__(self, "bake", flag("speed", "bake", self.bake))
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
-        """Return the faster animation, from the same first time code."""
+        """Return the faster animation, from the same first time code; what has no time stays."""
+        if np.isnan(animation.times).all():
+            return animation
         if len(animation) < 2:
             raise UsageError(
                 "attack speed: one frame has no speed",
