@@ -186,7 +186,8 @@ def test_outputs_that_cannot_be_written(run, tmp_path) -> None:
     ],
 )
 def test_requests_that_make_no_sense(run, tmp_path, arguments, named) -> None:
-    (tmp_path / "a.usda").write_text(mesh(QUAD + POINTS))
+    moving = POINTS.replace("points = ", "points.timeSamples = { 1: ").replace("\n", " }\n")
+    (tmp_path / "a.usda").write_text(mesh(QUAD + moving))
     assert_refused(run("embed", "a.usda", "-o", "o.usda", "--key", "k", *arguments), 2, named)
     assert not (tmp_path / "o.usda").exists()
 
