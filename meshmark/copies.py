@@ -61,6 +61,8 @@ class Match:
         The map, for row vectors (x, y, z, 1).
     residual : float
         Root mean square of what the map leaves, over the diagonal, in the shape's own space.
+    diagonal : float
+        Of the shape's box at that time.
     """
 
     time: float
@@ -69,6 +71,7 @@ class Match:
     vertices: IntArray
     matrix: FloatArray
     residual: float
+    diagonal: float
 
     def image(self, points: FloatArray) -> FloatArray:
         """Map points (N, 3) of the shape, (m, c) float64."""
@@ -225,7 +228,7 @@ def _equal(values: FloatArray, shape: Shape, vertices: IntArray) -> Iterator[Mat
         if off <= 1e-6 * max(pose.diagonal, np.abs(pose.points).max()):
             rows, matrix = np.arange(len(values)), np.eye(4, 3)
             residual = float(off) / pose.diagonal if pose.diagonal else 0.0
-            yield Match(time, rows, np.arange(3), vertices, matrix, residual)
+            yield Match(time, rows, np.arange(3), vertices, matrix, residual, pose.diagonal)
             return
 
 
@@ -263,6 +266,7 @@ def _fitted(
         vertices,
         matrix[:, fits],
         float(np.sqrt(np.mean(error[fits] ** 2))),
+        pose.diagonal,
     )
 
 
@@ -430,7 +434,15 @@ def _paired(
     matrix, off = _fit(pose.points[nearest[rows]], cloud[rows])
     error = _relative(off, matrix[:3], pose.diagonal)
     residual = float(np.sqrt(np.mean(error[np.isfinite(error)] ** 2)))
-    return Match(shape.times[index], rows, np.arange(3), nearest[rows], matrix, residual)
+    return Match(
+        shape.times[index],
+        rows,
+        np.arange(3),
+        nearest[rows],
+        matrix,
+        residual,
+        pose.diagonal,
+    )
 
 
 def _refined(distinct: FloatArray, pose: Pose, back: FloatArray) -> FloatArray:

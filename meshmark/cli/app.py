@@ -8,6 +8,7 @@ import typer
 
 from meshmark.cli.attack import attack
 from meshmark.cli.bench import bench
+from meshmark.cli.check import check
 from meshmark.cli.demo import demo
 from meshmark.cli.embed import embed
 from meshmark.cli.inspect import inspect
@@ -42,6 +43,6 @@ def _options(
     """Mark animated meshes, and find the mark again in a leaked copy."""
 
 
-for command in (keygen, inspect, embed, verify, attack, bench, segment, demo):
+for command in (keygen, inspect, embed, verify, check, attack, bench, segment, demo):
     app.command()(command)
 app.add_typer(plugins, name="plugins")

@@ -13,6 +13,7 @@ from meshmark.errors import UsageError
 from meshmark.places import assets_folder
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
+from meshmark.usd.checking import require_no_traces
 from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
@@ -121,6 +122,7 @@ def _export(
     moved = replace_traces(layer, traces)
     paths = anchor_asset_paths(layer, stage, output, assets_folder(beside), keep_metadata)
     layer.Export(str(beside))
+    require_no_traces(beside, traces, output)
     return Delivery(tuple(moved), (*removed, *paths.cut), paths.outside)
 
 

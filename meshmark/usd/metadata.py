@@ -17,6 +17,8 @@ PERSONAL = re.compile(
 TEXTS = ("documentation", "comment")
 DICTIONARIES = ("customData", "customLayerData", "assetInfo")
 NAMES = ("owner", "sessionOwner")
+# What is no metadata, or cannot be asked for.
+VALUES = ("default", "timeSamples", "subLayerOffsets")
 # Where paths begin: absolute ones of any system, and those that climb.
 PATH = re.compile(
     r"""(?<![^\s"'=(\[{<,;@|])"""
@@ -73,8 +75,8 @@ def strip_metadata(layer: Sdf.Layer, stage: Usd.Stage) -> list[str]:
             del layer.GetPrimAtPath(path.GetPrimPath()).properties[spec.name]
             removed.add(f"{path}: names a person or machine")
             continue
-        for key in spec.ListInfoKeys():
-            _strip_field(spec, key, layer, removed.add)
+        for key, value in fields_of(spec):
+            _strip_field(spec, key, value, layer, removed.add)
         if isinstance(spec, Sdf.AttributeSpec):
             _strip_values(spec, layer, removed.add)
     return sorted(removed)
@@ -110,10 +112,14 @@ def paths_of(layer: Sdf.Layer) -> list[Sdf.Path]:
     return sorted(paths)
 
 
-def _strip_field(spec: Any, key: str, layer: Sdf.Layer, tell: Tell) -> None:
-    if key in ("default", "timeSamples"):
-        return
-    value = spec.GetInfo(key)
+def fields_of(spec: Sdf.Spec) -> Iterator[tuple[str, Any]]:
+    """Yield the metadata of a prim, property or layer: texts, numbers and dictionaries."""
+    for key in spec.ListInfoKeys():
+        if key not in VALUES:
+            yield key, spec.GetInfo(key)
+
+
+def _strip_field(spec: Sdf.Spec, key: str, value: Any, layer: Sdf.Layer, tell: Tell) -> None:
     where = f"{spec.path}: {key}"
     if key in NAMES or (key in TEXTS and not TERMS.search(value)):
         spec.ClearInfo(key)

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, Vt
+from pxr import Sdf, Usd
 
 from meshmark.copies import Match, Shape, find_cloud, find_in_order
 from meshmark.usd.authoring import Witness
 from meshmark.usd.geometry import local_points, local_to_world
 from meshmark.usd.layers import extent, vector_array
-from meshmark.usd.metadata import paths_of
+from meshmark.usd.numbers import (
+    Numbers,
+    Place,
+    clouds,
+    readings,
+    rewrite_numbers,
+    set_value,
+    value_at,
+    views,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Numbers = NDArray[Any]
-# Points (N, 3) of a prim at a time.
-Points = Callable[[str, float], FloatArray]
 
-# Integers that say which, not where.
-WHICH = re.compile(
-    r"faceVertex(Counts|Indices)|curveVertexCounts|.*[iI]ndices|.*:indices|ids|protoIndices"
-)
-# Bytes and integers may be floating-point numbers in disguise.
-DISGUISES = ("<f4", "<f8", "<f2")
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-MIN_NUMBERS = 96
-MAX_STACK = 4096
+# Residuals below it are equally good.
 EXACT = 1e-6
 
 
@@ -43,7 +39,7 @@ class Moved:
     Parameters
     ----------
     path : str
-        The attribute, or the prim or property and the key of its metadata.
+        The attribute; or the prim or property, and the key of its metadata.
     prim : str
         The mesh.
     """
@@ -52,9 +48,33 @@ class Moved:
     prim: str
 
 
+@dataclass(frozen=True, eq=False)
+class Copy:
+    """A copy of points in an array.
+
+    Parameters
+    ----------
+    prim : str
+        The mesh.
+    numbers : (R, c) float64
+        The array as it was read; writes go through.
+    match : Match
+        Which of its numbers are the image of which points.
+    """
+
+    prim: str
+    numbers: FloatArray
+    match: Match
+
+    @property
+    def values(self) -> FloatArray:
+        """The numbers that are the image, (m, c) float64."""
+        return self.numbers[np.ix_(self.match.rows, self.match.columns)]
+
+
 @dataclass
 class Traces:
-    """The unmarked points of all marked meshes, and what to look for.
+    """The points of some meshes of a stage, and what is an image of them.
 
     Holds samples of the poses, not the points: these are read again from the stage.
     """
@@ -62,200 +82,73 @@ class Traces:
     stage: Usd.Stage
     shapes: dict[str, Shape] = field(default_factory=dict, init=False)
 
+    def add(self, prim: str, time: float, points: NDArray[np.floating]) -> None:
+        """Take note of the points of a mesh at a time."""
+        if prim not in self.shapes:
+            mesh = self.stage.GetPrimAtPath(prim)
+            corners = mesh.GetAttribute("faceVertexIndices").Get(Usd.TimeCode.EarliestTime())
+
+            def read(time: float) -> FloatArray:
+                return local_points(mesh, time).astype(np.float64)
+
+            corner = np.asarray(() if corners is None else corners, dtype=np.int64)
+            self.shapes[prim] = Shape(len(points), corner, read)
+        self.shapes[prim].add(time, points.astype(np.float64))
+
     def witness(self, prim: str) -> Witness:
         """Return what remembers each frame of a prim as it is authored."""
-        mesh = self.stage.GetPrimAtPath(prim)
-        corners = mesh.GetAttribute("faceVertexIndices").Get(Usd.TimeCode.EarliestTime())
+        return lambda time, original, _: self.add(prim, time, original)
 
-        def remember(time: float, original: Numbers, _: Numbers) -> None:
-            if prim not in self.shapes:
-                corner = np.asarray(() if corners is None else corners, dtype=np.int64)
+    def find(self, numbers: FloatArray, place: Place, without: Iterable[str] = ()) -> list[Copy]:
+        """Find copies of points in numbers (M, d) that writes go through to; none overlap.
 
-                def read(time: float) -> FloatArray:
-                    return local_points(mesh, time).astype(np.float64)
-
-                self.shapes[prim] = Shape(len(original), corner, read)
-            self.shapes[prim].add(time, original.astype(np.float64))
-
-        return remember
-
-    def marks(self, attribute: Sdf.AttributeSpec) -> bool:
-        """Tell whether an attribute holds the marked points themselves."""
-        return attribute.name == "points" and str(attribute.path.GetPrimPath()) in self.shapes
-
-    def moved(
-        self,
-        array: Numbers,
-        marked: Points,
-        *,
-        owner: str = "",
-        time: float = np.nan,
-        indices: IntArray | None = None,
-        clouds: bool = True,
-    ) -> tuple[Numbers, set[str]]:
-        """Replace what an array holds of unmarked points.
-
-        Parameters
-        ----------
-        array : (M, ...) numbers
-            Of any type.
-        marked : callable
-            Returns the marked points of a prim at a time.
-        owner : str
-            Prim the array belongs to: of meshes that were alike, it is the first choice.
-        time : float
-            Time the array is given at.
-        indices : (I,) int, optional
-            Row for each vertex or corner, where the array is indexed.
-        clouds : bool
-            Whether to look for points in any order, too, which takes longer.
-
-        Returns
-        -------
-        array : (M, ...) numbers
-            Of the same type.
-        prims : set of str
-            The meshes whose points were found; none if the array is as it was.
+        The prim the numbers belong to is the first choice where several meshes are alike; those
+        in `without` are none.
         """
-        shapes = sorted(self.shapes.items(), key=lambda each: each[0] != owner)
-        for numbers, back in _readings(array):
-            new = numbers.copy()
-            found = _move_in_order(new, shapes, marked, time, indices)
-            if not found and clouds:
-                found = self._move_clouds(new, shapes, marked, time)
-            if found:
-                return back(new, new != numbers), found
-        return array, set()
+        known = [(prim, shape) for prim, shape in self.shapes.items() if prim not in without]
+        known.sort(key=lambda each: each[0] != place.owner)
+        found = _in_order(numbers, known, place)
+        if not found and place.thorough:
+            found = self._in_clouds(numbers, known, place)
+        return found
 
-    def _move_clouds(
-        self,
-        numbers: FloatArray,
-        shapes: Iterable[tuple[str, Shape]],
-        marked: Points,
-        time: float,
-    ) -> set[str]:
-        for cloud in _clouds(numbers):
-            found: set[str] = set()
+    def _in_clouds(
+        self, numbers: FloatArray, known: Iterable[tuple[str, Shape]], place: Place
+    ) -> list[Copy]:
+        for cloud in clouds(numbers):
+            found: list[Copy] = []
             left = np.arange(len(cloud))
-            for prim, shape in shapes:
+            for prim, shape in known:
                 to_world = partial(local_to_world, self.stage.GetPrimAtPath(prim))
-                match = find_cloud(cloud[left], shape, hint=time, to_world=to_world)
+                match = find_cloud(cloud[left], shape, hint=place.time, to_world=to_world)
                 if match is not None:
-                    cloud[left[match.rows]] = match.image(marked(prim, match.time))
+                    found.append(Copy(prim, cloud, replace(match, rows=left[match.rows])))
                     left = np.delete(left, match.rows)
-                    found.add(prim)
             if found:
                 return found
-        return set()
+        return []
 
 
-def _move_in_order(
-    numbers: FloatArray,
-    shapes: Iterable[tuple[str, Shape]],
-    marked: Points,
-    time: float,
-    indices: IntArray | None,
-) -> set[str]:
-    matches: list[tuple[float, str, FloatArray, Match]] = []
-    for prim, shape in shapes:
-        for vertices, sample_rows in shape.layouts():
-            for view, rows, of_samples in _views(numbers, vertices, sample_rows, indices):
-                found = find_in_order(view, shape, rows, of_samples, time)
-                matches.extend((match.residual, prim, view, match) for match in found)
-    taken: set[tuple[int, int, int]] = set()
-    moved: set[str] = set()
+def _in_order(numbers: FloatArray, known: Iterable[tuple[str, Shape]], place: Place) -> list[Copy]:
+    cells = np.arange(numbers.size).reshape(numbers.shape)
+    every: list[tuple[Copy, IntArray]] = []
+    for prim, shape in known:
+        for vertices, samples in shape.layouts():
+            seen = views(numbers, vertices, samples, place.indices)
+            seen_cells = views(cells, vertices, samples, place.indices)
+            for (view, rows, of_samples), (view_cells, _, _) in zip(seen, seen_cells, strict=True):
+                for match in find_in_order(view, shape, rows, of_samples, place.time):
+                    held = view_cells[np.ix_(match.rows, match.columns)]
+                    every.append((Copy(prim, view, match), held))
     # Of equally good ones the first, which is the owner's.
-    for _, prim, view, match in sorted(matches, key=lambda each: max(each[0], EXACT)):
-        place = view.__array_interface__["data"][0]
-        keys = {(place, view.shape[1], int(column)) for column in match.columns}
-        if taken & keys:
-            continue
-        taken |= keys
-        view[np.ix_(match.rows, match.columns)] = match.image(marked(prim, match.time))
-        moved.add(prim)
-    return moved
-
-
-def _views(
-    numbers: FloatArray, vertices: IntArray, sample_rows: IntArray, indices: IntArray | None
-) -> Iterator[tuple[FloatArray, IntArray, IntArray]]:
-    """See numbers (M, d) as rows, one for each entry of `vertices`, in every way they could be.
-
-    Yields
-    ------
-    view : (R, c) float64
-        Writes through to the numbers.
-    vertices : (R,) int
-        Vertex of each row.
-    sample_rows : (S,) int
-        Row of each sampled vertex.
-    """
-    M, d = numbers.shape
-    R = len(vertices)
-    if indices is not None and len(indices) == R and M and 0 <= indices.min() <= indices.max() < M:
-        rows, first = np.unique(indices, return_index=True)
-        if np.array_equal(rows, np.arange(M)):
-            yield numbers, vertices[first], indices[sample_rows]
-            return
-    if R == 0 or M % R or M == 0 or M // R > MAX_STACK:
-        return
-    k = M // R
-    for each in numbers.reshape(k, R, d):
-        yield each, vertices, sample_rows
-    if k > 1 and k * d <= MAX_STACK:
-        yield numbers.reshape(R, k * d), vertices, sample_rows
-
-
-def _clouds(numbers: FloatArray) -> Iterator[FloatArray]:
-    """See numbers (M, d) as points (K, 3), in every way they could be; writes go through."""
-    M, d = numbers.shape
-    if d in (3, 4):
-        yield numbers[:, :3]
-    elif d == 16:
-        yield numbers[:, 12:15]
-    elif d == 1 and numbers.size >= MIN_NUMBERS:
-        if M % 3 == 0:
-            yield numbers.reshape(-1, 3)
-            yield numbers.reshape(3, -1).T
-        if M % 4 == 0:
-            yield numbers.reshape(-1, 4)[:, :3]
-
-
-Back = Callable[[FloatArray, NDArray[np.bool_]], Numbers]
-
-
-def _readings(array: Numbers) -> Iterator[tuple[FloatArray, Back]]:
-    """Read an array as numbers (M, d), and say how to write changed ones back."""
-    if array.size == 0:
-        return
-
-    def reading(numbers: Numbers, back: Callable[[Numbers], Numbers]) -> tuple[FloatArray, Back]:
-        table = numbers.reshape(len(numbers), -1)
-
-        def write(new: FloatArray, changed: NDArray[np.bool_]) -> Numbers:
-            result = table.copy()
-            result[changed] = _cast(new[changed], table.dtype)
-            return back(result)
-
-        return table.astype(np.float64), write
-
-    yield reading(array, lambda new: new.reshape(array.shape))
-    if array.dtype.kind not in "iu":
-        return
-    raw = np.ascontiguousarray(array).reshape(-1)
-    for kind in DISGUISES:
-        dtype = np.dtype(kind)
-        if raw.nbytes % dtype.itemsize == 0 and dtype.itemsize >= array.dtype.itemsize:
-            yield reading(
-                raw.view(dtype), lambda new: new.reshape(-1).view(array.dtype).reshape(array.shape)
-            )
-
-
-def _cast(values: FloatArray, dtype: np.dtype[Any]) -> Numbers:
-    if dtype.kind in "iu":
-        limits = np.iinfo(dtype)
-        return np.rint(values).clip(limits.min, limits.max).astype(dtype)
-    return values.astype(dtype)
+    every.sort(key=lambda each: max(each[0].match.residual, EXACT))
+    taken = np.zeros(numbers.size, dtype=bool)
+    found = []
+    for copy, held in every:
+        if not taken[held].any():
+            taken[held] = True
+            found.append(copy)
+    return found
 
 
 def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
@@ -269,134 +162,41 @@ def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
         What was replaced, sorted.
     """
 
-    def marked(prim: str, time: float) -> FloatArray:
-        points = _value(layer, Sdf.Path(prim).AppendProperty("points"), time)
-        return np.asarray(points, dtype=np.float64)
+    def moved(array: Numbers, place: Place) -> tuple[Numbers, set[str]]:
+        if place.path in own:
+            return array, set()
+        for table, back in readings(array):
+            new = table.astype(np.float64)
+            found = traces.find(new, place)
+            for copy in found:
+                points = marked_points(layer, copy.prim, copy.match.time)
+                rows, columns = copy.match.rows, copy.match.columns
+                copy.numbers[np.ix_(rows, columns)] = copy.match.image(points)
+            if found:
+                return back(new), {copy.prim for copy in found}
+        return array, set()
 
-    moved: set[Moved] = set()
-    for path in paths_of(layer):
-        attribute = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
-        if attribute is not None:
-            if traces.marks(attribute):
-                if layer.GetNumTimeSamplesForPath(path):
-                    attribute.ClearDefaultValue()
-            else:
-                moved |= _replace_in_attribute(layer, attribute, traces, marked)
-        moved |= _replace_in_metadata(layer, path, traces, marked)
-    return sorted(moved)
-
-
-def _replace_in_attribute(
-    layer: Sdf.Layer, attribute: Sdf.AttributeSpec, traces: Traces, marked: Points
-) -> set[Moved]:
-    path, owner = attribute.path, str(attribute.path.GetPrimPath())
-    if WHICH.fullmatch(attribute.name) and attribute.typeName.type.typeName.startswith("VtArray<i"):
-        return set()
-    samples = layer.ListTimeSamplesForPath(path)
-    indices = _numbers(_value(layer, Sdf.Path(f"{path}:indices"), np.nan))
-
-    def found_at(time: float, clouds: bool) -> tuple[Any, set[str]]:
-        return _replaced(
-            _value(layer, path, time),
-            lambda array: traces.moved(
-                array, marked, owner=owner, time=time, indices=indices, clouds=clouds
-            ),
-        )
-
-    # Looking for points in any order takes long: three samples tell whether it is worth it.
-    probes = {samples[0], samples[len(samples) // 2], samples[-1]} if samples else set()
-    clouds = len(samples) <= len(probes) or any(found_at(time, True)[1] for time in probes)
-    moved: set[Moved] = set()
-    for time in (np.nan, *samples):
-        value, prims = found_at(time, clouds or bool(np.isnan(time)))
-        if prims:
-            _set_value(layer, path, time, value)
-            _fit_extent(layer, attribute, time)
-            moved |= {Moved(str(path), prim) for prim in prims}
-    return moved
+    own = {f"{prim}.points" for prim in traces.shapes}
+    for path in own:
+        if layer.GetNumTimeSamplesForPath(path):
+            layer.GetAttributeAtPath(path).ClearDefaultValue()
+    found = sorted(Moved(path, prim) for path, prim in rewrite_numbers(layer, moved))
+    for path in dict.fromkeys(each.path for each in found):
+        _fit_extent(layer, path)
+    return found
 
 
-def _replace_in_metadata(
-    layer: Sdf.Layer, path: Sdf.Path, traces: Traces, marked: Points
-) -> set[Moved]:
-    spec = layer.GetObjectAtPath(path)
-    if spec is None:
-        return set()
-    moved: set[Moved] = set()
-
-    def replaced(value: Any, key: str) -> Any:
-        if isinstance(value, Mapping):
-            return {name: replaced(each, f"{key}:{name}") for name, each in value.items()}
-        new, prims = _replaced(
-            value, lambda array: traces.moved(array, marked, owner=str(path.GetPrimPath()))
-        )
-        moved.update(Moved(f"{path} {key}", prim) for prim in prims)
-        return new
-
-    for field_name in spec.ListInfoKeys():
-        if field_name not in ("default", "timeSamples"):
-            before = len(moved)
-            value = replaced(spec.GetInfo(field_name), field_name)
-            if len(moved) > before:
-                spec.SetInfo(field_name, value)
-    return moved
+def marked_points(layer: Sdf.Layer, prim: str, time: float) -> FloatArray:
+    """Return the points (N, 3) that a layer gives a prim at a time."""
+    points = value_at(layer, Sdf.Path(prim).AppendProperty("points"), time)
+    return np.asarray(points, dtype=np.float64)
 
 
-def _replaced(
-    value: Any, move: Callable[[Numbers], tuple[Numbers, set[str]]]
-) -> tuple[Any, set[str]]:
-    """Let numbers be moved, whatever holds them: an array, or a text."""
-    if isinstance(value, str):
-        return _replaced_in_text(value, move)
-    if isinstance(value, Vt.StringArray | Vt.TokenArray):
-        text, prims = _replaced_in_text("\0".join(value), move)
-        return (type(value)(text.split("\0")), prims) if prims else (value, prims)
-    numbers = _numbers(value)
-    if numbers is None:
-        return value, set()
-    new, prims = move(numbers)
-    return (type(value).FromNumpy(np.ascontiguousarray(new)), prims) if prims else (value, prims)
-
-
-def _replaced_in_text(
-    text: str, move: Callable[[Numbers], tuple[Numbers, set[str]]]
-) -> tuple[str, set[str]]:
-    if len(text) < 2 * MIN_NUMBERS:
-        return text, set()
-    numbers = np.array([float(number) for number in NUMBER.findall(text)])
-    if len(numbers) < MIN_NUMBERS:
-        return text, set()
-    new, prims = move(numbers)
-    if not prims:
-        return text, prims
-    put = iter(new.tolist())
-    return NUMBER.sub(lambda _: f"{next(put):.9g}", text), prims
-
-
-def _numbers(value: Any) -> Numbers | None:
-    """See a value as numbers, if it is an array of them."""
-    if not hasattr(type(value), "FromNumpy"):
-        return None
-    array = np.asarray(value)
-    return array if array.dtype.kind in "fiu" and array.size else None
-
-
-def _fit_extent(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, time: float) -> None:
-    box = attribute.path.GetPrimPath().AppendProperty("extent")
-    if attribute.name == "points" and _value(layer, box, time) is not None:
-        points = np.asarray(_value(layer, attribute.path, time))
-        _set_value(layer, box, time, vector_array(extent(points)))
-
-
-def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
-    if np.isnan(time):
-        attribute = layer.GetAttributeAtPath(path)
-        return None if attribute is None else attribute.default
-    return layer.QueryTimeSample(path, time)
-
-
-def _set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, value: Any) -> None:
-    if np.isnan(time):
-        layer.GetAttributeAtPath(path).default = value
-    else:
-        layer.SetTimeSample(path, time, value)
+def _fit_extent(layer: Sdf.Layer, path: str) -> None:
+    if not path.endswith(".points") or " " in path:
+        return
+    box = Sdf.Path(path).GetPrimPath().AppendProperty("extent")
+    for time in (np.nan, *layer.ListTimeSamplesForPath(path)):
+        points = value_at(layer, Sdf.Path(path), time)
+        if points is not None and value_at(layer, box, time) is not None:
+            set_value(layer, box, time, vector_array(extent(np.asarray(points))))

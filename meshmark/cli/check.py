@@ -1,0 +1,31 @@
+"""`meshmark check`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from meshmark.cli.console import put_json
+from meshmark.cli.options import JsonOption
+
+FOUND = 1
+
+
+def check(
+    file: Annotated[str, typer.Argument(help="A USD file.", show_default=False)],
+    json: JsonOption = False,
+) -> None:
+    """Look at FILE as its recipient could: what does it give away? Exit 1 if anything."""
+    from meshmark.checking import check_file
+
+    document = check_file(file)
+    if json:
+        put_json(document)
+    else:
+        for each in document["findings"]:
+            typer.echo(f"{each['kind']}: {each['where']}: {each['what']}")
+        n = len(document["findings"])
+        typer.echo(f"{file}: {f'{n} finding(s)' if n else 'nothing found'}")
+    if document["findings"]:
+        raise typer.Exit(FOUND)

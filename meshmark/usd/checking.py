@@ -1,0 +1,217 @@
+"""What a file gives away to whoever looks at it from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Ar, Sdf, Usd, UsdUtils
+
+from meshmark.errors import InputError, OutputError
+from meshmark.usd.diagnostics import caught
+from meshmark.usd.geometry import local_points, sample_times
+from meshmark.usd.metadata import strip_metadata
+from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
+from meshmark.usd.opening import open_stage
+from meshmark.usd.prims import mesh_prims
+from meshmark.usd.traces import Copy, Traces, marked_points
+
+FloatArray = NDArray[np.float64]
+
+NAMES_LAYER = "it depends on this layer, or names it"
+# What rounding leaves may be this much more than is expected of it.
+ROUNDING = 1.5
+
+
+@dataclass(frozen=True, order=True)
+class Finding:
+    """Something a file gives away.
+
+    Parameters
+    ----------
+    kind : str
+        `copy`, a second copy of a mesh's shape; `layer`, a file it depends on; `path`, a path
+        that leads out of its folder; `metadata`, words on its origin.
+    where : str
+        The prim, property or metadata; the path itself for `layer` and `path`.
+    what : str
+        In words.
+    """
+
+    kind: str
+    where: str
+    what: str
+
+
+def check_stage(source: str, marked: Collection[str] = ()) -> list[Finding]:
+    """Look for all that a deliverable must not give away.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    marked : collection of str
+        Meshes known to be marked, each by itself: they may resemble each other.
+
+    Returns
+    -------
+    list of Finding
+        Sorted.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    stage = open_stage(source).stage
+    with caught(source):
+        layer = stage.GetRootLayer()
+        # A package is checked by what it opens with.
+        scratch = Sdf.Layer.CreateAnonymous(".usda")
+        scratch.TransferContent(layer)
+        found = _copies(scratch, _own_traces(stage, source), set(marked))
+        found |= _layers(layer) | _paths(scratch)
+        found |= {
+            Finding("metadata", where.strip(), what.strip() or "tells of the origin")
+            for where, _, what in (each.partition(": ") for each in strip_metadata(scratch, stage))
+        }
+    return sorted(found)
+
+
+def require_no_traces(file: Path, traces: Traces, output: Path) -> None:
+    """Refuse a deliverable that still holds copies of the original's points.
+
+    Parameters
+    ----------
+    file : Path
+        As written, wherever it lies now.
+    traces : Traces
+        The original's points.
+    output : Path
+        What it will be, for the error.
+
+    Raises
+    ------
+    OutputError
+        Naming what resembles the original more than the marked mesh.
+    """
+    layer = Sdf.Layer.OpenAsAnonymous(str(file))
+    own = {f"{prim}.points" for prim in traces.shapes}
+
+    def unmarked(copy: Copy, rounding: float) -> bool:
+        points = marked_points(layer, copy.prim, copy.match.time)
+        residual = _residual(copy, points)
+        return residual > rounding and copy.match.residual < residual
+
+    def look(array: Numbers, place: Place) -> tuple[Numbers, set[str]]:
+        return array, set() if place.path in own else _suspects(array, place, traces, (), unmarked)
+
+    left = sorted(rewrite_numbers(layer, look))
+    if left:
+        names = ", ".join(path for path, _ in left[:5])
+        raise OutputError(
+            f"would still hold unmarked points, in {names}: leave that out of the source",
+            source=output,
+            prim=left[0][1],
+        )
+
+
+def _own_traces(stage: Usd.Stage, source: str) -> Traces:
+    traces = Traces(stage)
+    for prim in mesh_prims(stage):
+        path = str(prim.GetPath())
+        try:
+            for time in sample_times(prim):
+                traces.add(path, float(time), local_points(prim, float(time)))
+        except (InputError, ValueError):
+            # A mesh without a shape, or with another at each time, has no copies.
+            traces.shapes.pop(path, None)
+    return traces
+
+
+def _copies(layer: Sdf.Layer, traces: Traces, marked: set[str]) -> set[Finding]:
+    def differs(copy: Copy, rounding: float) -> bool:
+        return copy.match.residual > rounding
+
+    def look(array: Numbers, place: Place) -> tuple[Numbers, set[str]]:
+        without: set[str] = set()
+        if place.path == f"{place.owner}.points" and place.owner in traces.shapes:
+            sampled = np.isnan(place.time) and layer.GetNumTimeSamplesForPath(place.path)
+            without = (marked if place.owner in marked else set()) | {place.owner}
+            without -= {place.owner} if sampled else set()
+        return array, _suspects(array, place, traces, without, differs)
+
+    return {
+        Finding("copy", path, f"resembles the points of {prim}, and differs a little")
+        for path, prim in rewrite_numbers(layer, look)
+    }
+
+
+def _suspects(
+    array: Numbers,
+    place: Place,
+    traces: Traces,
+    without: Collection[str],
+    suspect: Callable[[Copy, float], bool],
+) -> set[str]:
+    """Name the meshes of which an array holds a copy that is suspect, given its rounding."""
+    for table, _ in readings(array):
+        found = traces.find(table.astype(np.float64), place, without)
+        if found:
+            return {copy.prim for copy in found if suspect(copy, _rounding(copy, table.dtype))}
+    return set()
+
+
+def _rounding(copy: Copy, dtype: np.dtype[Any]) -> float:
+    """Estimate the residual that storing numbers of a type leaves, over the diagonal."""
+    values = copy.values
+    step = np.ones_like(values)
+    if dtype.kind == "f":
+        # The points of meshes are single precision, and so are copies that are stored in more.
+        kept = values.astype(np.float16 if dtype == np.float16 else np.float32)
+        step = np.spacing(np.abs(kept)).astype(np.float64)
+    gain = np.linalg.norm(copy.match.matrix[:3], axis=0)
+    size = np.abs(values).max(axis=0) / gain
+    own = np.spacing(size.max().astype(np.float32))
+    left = np.sqrt(np.mean(step**2, axis=0)) / gain
+    return float(ROUNDING * (left.max() + own) / copy.match.diagonal / np.sqrt(12))
+
+
+def _residual(copy: Copy, points: FloatArray) -> float:
+    """Fit a copy to other points of the same vertices; the residual over the diagonal."""
+    P = np.column_stack([points[copy.match.vertices], np.ones(len(copy.match.vertices))])
+    values = copy.values
+    matrix = np.linalg.lstsq(P, values, rcond=1e-9)[0]
+    gain = np.linalg.norm(matrix[:3], axis=0)
+    off = np.sqrt(np.mean((values - P @ matrix) ** 2, axis=0))
+    diagonal = np.linalg.norm(np.ptp(points, axis=0))
+    return float(np.sqrt(np.mean((off / (gain * diagonal)) ** 2)))
+
+
+def _layers(layer: Sdf.Layer) -> set[Finding]:
+    return {
+        Finding("layer", path, NAMES_LAYER)
+        for path in layer.GetCompositionAssetDependencies()
+        if path
+    }
+
+
+def _paths(layer: Sdf.Layer) -> set[Finding]:
+    found: set[Finding] = set()
+
+    def look(path: str) -> str:
+        outer = Ar.SplitPackageRelativePathOuter(path)[0] or path
+        if Sdf.FileFormat.FindByExtension(path):
+            found.add(Finding("layer", path, NAMES_LAYER))
+        elif Path(outer).is_absolute() or PureWindowsPath(outer).drive:
+            found.add(Finding("path", path, "absolute"))
+        elif ".." in Path(outer.replace("\\", "/")).parts:
+            found.add(Finding("path", path, "leads out of the folder"))
+        return path
+
+    UsdUtils.ModifyAssetPaths(layer, look)
+    return found
