@@ -34,6 +34,7 @@ STEP = 1000
 LOADED = (
     *("meshmark.cli.app", "meshmark.plugins", "meshmark.publishing", "meshmark.verification"),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),
+    *("meshmark.isolation.reading", "meshmark.isolation.child"),
     *("fast_simplification", "open3d", "potpourri3d", "pygeodesic.geodesic"),
     *("scipy.sparse.linalg", "scipy.spatial"),
 )
@@ -71,13 +72,16 @@ def _report(campaign: Campaign, indices: range, keep: Path | None) -> int:
     kinds: Counter[str] = Counter()
     codes: Counter[int] = Counter()
     wrong: Counter[str] = Counter()
+    absorbed: Counter[str] = Counter()
     known: set[str] = set()
     start = time.monotonic()
     for done, outcome in enumerate(campaign.run(indices), start=1):
         given = campaign.make(outcome.index)
         kinds[given.kind] += 1
         codes.update(outcome.codes)
-        if outcome.faults:
+        if not outcome.faults:
+            absorbed.update(f"{given.kind}: {fault}" for fault in outcome.at_first)
+        else:
             wrong.update(f"{given.kind}: {fault}" for fault in outcome.faults)
             signature = _signature(given, outcome)
             print(f"input {outcome.index}: {signature}", flush=True)
@@ -88,6 +92,7 @@ def _report(campaign: Campaign, indices: range, keep: Path | None) -> int:
             print(f"{done} inputs, {time.monotonic() - start:.0f} s, {dict(wrong)}", flush=True)
     print(f"{kinds.total()} inputs in {time.monotonic() - start:.0f} s: {_listed(kinds)}")
     print(f"{codes.total()} commands, exit codes: {_listed(codes)}")
+    print(f"{absorbed.total()} faults within reading processes: {_listed(absorbed)}")
     print(f"{wrong.total()} faults of {len(known)} kinds: {_listed(wrong)}")
     return 1 if wrong else 0
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 
 from .inputs import Input
-from .running import DATA_LIMIT, Ran
+from .running import Ran
 
 ALLOWED = (0, 1, 2, 3, 4)
+MOST_MEMORY = 2 << 30  # bytes
 # What numpy, pxr and Python say unasked.
 NOISE = re.compile(r"Traceback|\w*Warning: |Warning: in |Error in |Coding Error|Fatal |\.py:\d+")
 
@@ -27,7 +28,7 @@ def faults(given: Input, ran: Ran) -> list[str]:
         found.append("more than one error")
     if ran.code == 3 and not errors:
         found.append("no error line")
-    if ran.peak > DATA_LIMIT:
+    if ran.peak > MOST_MEMORY:
         found.append("memory")
     if ran.tells_key:
         found.append("key told")

@@ -16,7 +16,7 @@ from typing import Any
 from .inputs import Input
 from .seeds import KEY
 
-DATA_LIMIT = 2 << 30  # bytes
+DATA_LIMIT = 3 << 30  # bytes; what is wrong is less
 FILE_LIMIT = 1 << 28
 OUTPUT_KEPT = 1 << 20
 KEPT = "kept"
