@@ -97,7 +97,7 @@ def _run(
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=complaints,
-            env=_environment(),
+            env=_environment(folder),
         )
     with process:
         try:
@@ -118,12 +118,16 @@ def _run(
     return dict(json.loads(report))
 
 
-def _environment() -> dict[str, str]:
-    """Return the environment of the process: it finds the modules we do, and needs few threads."""
+def _environment(folder: Path) -> dict[str, str]:
+    """Return the environment of the process: it finds the modules we do, and needs few threads.
+
+    What it leaves behind, as pxr does of a crash, goes with its folder.
+    """
     return {
         "OPENBLAS_NUM_THREADS": "1",
         "MALLOC_ARENA_MAX": "2",
         **os.environ,
+        "TMPDIR": str(folder),
         "PYTHONSAFEPATH": "1",
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
     }
