@@ -26,17 +26,22 @@ KEEPS_POLYGONS = {
     "similarity",
     "scale",
     "smoothing",
+    "relaxation",
+    "jitter",
+    "wobble",
+    "cutting",
     "reorder",
     "resample",
     "drop",
     "window",
     "speed",
     "reverse",
+    "junk",
 }
 
 
 def test_names_are_unique_and_offered_through_the_hook():
-    assert len(set(NAMES)) == len(NAMES) == 21
+    assert len(set(NAMES)) == len(NAMES) == 28
     assert meshmark_attacks() == RECORDS
 
 
@@ -69,7 +74,7 @@ def test_polygons_stay_polygons_where_the_attack_permits_it(name):
 
 def test_listing_the_attacks_imports_none_of_them():
     program = (
-        "import sys, meshmark_plugins.attacks as a; assert len(a.RECORDS) == 21\n"
+        "import sys, meshmark_plugins.attacks as a; assert len(a.RECORDS) == 28\n"
         "print([m for m in sys.modules if m.startswith('meshmark_plugins.attacks.')])"
     )
     done = subprocess.run(
@@ -107,6 +112,21 @@ def test_listing_the_attacks_imports_none_of_them():
         ("drop", {"share": 1}, "share is 1"),
         ("window", {"share": 0}, "share is 0"),
         ("window", {"start": 2}, "start is 2"),
+        ("joining", {"thing": "hat"}, "one of ground, box, body, sheet, wall"),
+        ("joining", {"size": 0}, r"size is 0, but must be a number in \(0, 1000\]"),
+        ("joining", {"area": 101}, "area is 101"),
+        ("cutting", {"patches": 0}, r"patches is 0, .* \[1, 10000\]"),
+        ("cutting", {"gap": 2}, r"gap is 2, .* \[0, 1\]"),
+        ("relaxation", {"steps": -1}, "steps is -1"),
+        ("relaxation", {"strength": 0}, "strength is 0"),
+        ("jitter", {"size": 11}, r"size is 11, .* \[0, 10\]"),
+        ("jitter", {"per": "vertex"}, "per is 'vertex'"),
+        ("wobble", {"amplitude": -1}, "amplitude is -1"),
+        ("wobble", {"waves": 0}, "waves is 0"),
+        ("wobble", {"wavelength": 0}, "wavelength is 0"),
+        ("junk", {"share": 0}, r"share is 0, .* \(0, 1\)"),
+        ("junk", {"where": "end"}, "one of start, random"),
+        ("marking-again", {"copies": 0}, "copies is 0"),
         ("collusion", {"kind": "sum"}, "one of mean, alternate"),
         ("combination", {"attacks": "noise:loud"}, "'loud' in 'noise:loud' is not PARAMETER=VALUE"),
         ("combination", {"attacks": ":a=1"}, "name is missing"),
@@ -120,7 +140,17 @@ def test_impossible_parameters_are_named_with_what_is_allowed(name, parameters, 
 
 @pytest.mark.parametrize(
     "name",
-    ["cropping", "reorder", "simplification", "remeshing-sdf", "resample", "speed"],
+    [
+        "cropping",
+        "reorder",
+        "simplification",
+        "remeshing-sdf",
+        "resample",
+        "speed",
+        "joining",
+        "cutting",
+        "jitter",
+    ],
 )
 def test_a_varying_connectivity_is_refused_where_trajectories_are_needed(name):
     rng = np.random.default_rng(0)

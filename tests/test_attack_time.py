@@ -49,6 +49,18 @@ class TestReverse(AttackSuite):
         return BY_NAME["reverse"]
 
 
+class TestJunk(AttackSuite):
+    @pytest.fixture
+    def record(self):
+        return BY_NAME["junk"]
+
+
+class TestJunkAnywhere(TestJunk):
+    @pytest.fixture
+    def parameters(self):
+        return {"where": "random", "share": 0.6}
+
+
 def moving(path, times=None):
     """Animate a ball whose points all follow a path, a function of time, along x."""
     V, F = sphere(40)
@@ -162,3 +174,25 @@ def test_a_mesh_that_does_not_change_stays_beside_one_that_moves(name):
     attacked = attack_asset(asset, make_attack(name), 0).meshes[1]
     assert len(attacked) == 1
     assert np.isnan(attacked.times[0])
+
+
+@pytest.mark.parametrize(
+    ("share", "n", "scrambled"), [(0.5, 8, 4), (0.01, 8, 1), (0.99, 8, 7), (0.5, 1, 0)]
+)
+def test_the_first_frames_are_scrambled_and_one_stays(share, n, scrambled):
+    ball = moving(np.sqrt).select(range(n))
+    after = attacked("junk", ball, share=share)
+    same = [np.array_equal(one.points, two.points) for one, two in zip(ball, after, strict=True)]
+    assert same == [False] * scrambled + [True] * (n - scrambled)
+
+
+def test_scrambled_frames_have_the_same_points_each_in_an_order_of_its_own():
+    V, F = sphere(40)
+    still = MeshAnimation.from_arrays(np.array([V] * 6), F)
+    after = [frame.points for frame in attacked("junk", still, share=0.5, where="random")]
+    junk = [points for points in after if not np.array_equal(points, V)]
+    assert len(junk) == 3
+    assert len({points.tobytes() for points in junk}) == 3
+    for points in junk:
+        np.testing.assert_array_equal(np.unique(points, axis=0), np.unique(V, axis=0))
+    assert not np.array_equal(after[:3], junk)

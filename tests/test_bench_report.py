@@ -9,8 +9,9 @@ import jsonschema
 import numpy as np
 import pytest
 
+from meshmark.animation import MeshAnimation
 from meshmark.benchmarking.benchmark import benchmark_key
-from meshmark.benchmarking.cells import describe
+from meshmark.benchmarking.cells import attack_mrms, describe
 from meshmark.benchmarking.command import command_of
 from meshmark.benchmarking.page import page_of
 from meshmark.benchmarking.plots import can_plot, draw_plots
@@ -21,9 +22,11 @@ from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.evidence import Evidence
+from meshmark.marking import as_asset
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.strand import Strand
+from meshmark.testing.attacks import sphere
 from meshmark.verdict import decide
 
 HORSE = Subject("horse-gallop", "horse-gallop.usdc", None, (("horse-gallop.usdc", "0" * 64),))
@@ -234,3 +237,30 @@ def test_a_verdict_on_nothing_is_no_find() -> None:
     assert row["verified"] is False
     assert row["log10_p"] == 0.0
     assert row["notes"] == ["/A: tsai2014: no carrier"]
+
+
+def test_what_an_attack_did_is_measured_over_frames_where_none_went() -> None:
+    V, F = sphere(4000)
+    points = np.array([V, 2.0 * V])
+    before = MeshAnimation.from_arrays(points, F)
+    # Grown by a hundredth of the radius; the box's diagonal is 2 sqrt 3 radii, about.
+    grown = MeshAnimation.from_arrays(1.01 * points, F)
+    diagonal = np.linalg.norm(np.ptp(V, axis=0))
+    found = attack_mrms(as_asset(before), as_asset(grown))
+    assert found == pytest.approx(0.01 / diagonal, rel=0.02)
+    assert attack_mrms(as_asset(before), as_asset(before)) == pytest.approx(0.0, abs=1e-7)
+    assert attack_mrms(as_asset(before), as_asset(grown.select([0]))) is None
+
+
+def test_frames_without_extent_are_left_out_of_what_an_attack_did() -> None:
+    V, F = sphere(200)
+    nothing = MeshAnimation.from_arrays(np.array([0.0 * V, V]), F)
+    assert attack_mrms(as_asset(nothing), as_asset(nothing)) == pytest.approx(0.0, abs=1e-7)
+    gone = nothing.select([0])
+    assert attack_mrms(as_asset(gone), as_asset(gone)) is None
+
+
+def test_what_an_attack_did_is_in_the_report(document) -> None:
+    made = document((NOISE, {**result(0.0, 0.0), "attack_mrms_rel": 0.00025}, UNMARKED))
+    assert made["rows"][0]["attack_mrms_rel"] == 0.00025
+    assert "| 0.000250 |" in page_of(made)

@@ -75,6 +75,12 @@ def test_a_copy_left_alone_is_found_and_an_unmarked_one_is_not(document) -> None
     assert row["control"]["ber_avg"] > row["ber_avg"]
 
 
+def test_what_the_attacks_did_is_told(document) -> None:
+    did = {row["label"]: row["attack_mrms_rel"] for row in document["rows"] if not row["error"]}
+    assert did.pop("no attack") < 1e-6
+    assert all(mrms > 1e-6 for mrms in did.values())
+
+
 def test_attacks_really_happen_on_both_sides(document) -> None:
     alone, noisy = row_of(document, "no attack"), row_of(document, "noise 0.05 %")
     assert noisy["log10_p"] != alone["log10_p"]

@@ -224,6 +224,9 @@ def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
     assert "nothing sticks out" in prim["reason"]
     assert_refused(run("embed", "ball.usdc", "-o", "o.usda", "--key", "k"), 3, "/Ball")
     assert not (tmp_path / "o.usda").exists()
+    code, _, err = run("attack", "marking-again", "ball.usdc", "-o", "again.usdc")
+    assert code == 0
+    assert "warning: /Ball: attack marking-again left it as it is: nothing sticks out" in err
 
 
 @pytest.mark.filterwarnings("error")

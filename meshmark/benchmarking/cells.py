@@ -20,6 +20,7 @@ from meshmark.metrics import Distortion, distortion
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe
 from meshmark.sources import texture_coordinates
+from meshmark.surface_distance import surface_distance
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import gather, judge_all
 
@@ -63,7 +64,8 @@ def run_cell(
         evidence = gather(attacked, recipes=[timed])
     with clock.stage("judge"):
         verdict = judge_all(evidence, key, fpr=FPR)
-    return {**describe(verdict), "timings": _timings(clock)}
+    cost = attack_mrms(asset, attacked)
+    return {**describe(verdict), "attack_mrms_rel": cost, "timings": _timings(clock)}
 
 
 def _loaded(copy: Subject | MarkedCopy, cell: Cell) -> Asset:
@@ -83,6 +85,28 @@ def _attacked(asset: Asset, cell: Cell, seed: int, other: Asset | None) -> Asset
         for mesh, twin in pairs
     ]
     return replace(asset, meshes=tuple(meshes))
+
+
+def attack_mrms(before: Asset, after: Asset) -> float | None:
+    """Measure what an attack did to the surfaces, both ways, where they are in space.
+
+    Returns
+    -------
+    float or None
+        Mean of MRMS over the diagonal, over meshes and their frames; None where frames went, or
+        are at other times.
+    """
+    pairs = list(zip(before.meshes, after.meshes, strict=True))
+    if not all(np.array_equal(one.times, two.times, equal_nan=True) for one, two in pairs):
+        return None
+    distances = [
+        surface_distance(one.points, one.faces, two.points, two.faces)
+        for mesh, twin in pairs
+        for one, two in zip(mesh, twin, strict=True)
+        # One that is scaled to nothing has no surface to compare with.
+        if np.ptp(one.points, axis=0).any()
+    ]
+    return float(np.mean([d.mrms / d.diagonal for d in distances])) if distances else None
 
 
 def _timings(clock: StageClock) -> dict[str, float]:

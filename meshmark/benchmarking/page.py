@@ -21,8 +21,9 @@ right nor wrong (`apex` decides at seven to three), and frames that it passes ov
 columns tell what that is worth: the share of *unmarked* frames whose best part shows at most
 {lucky:g}. No verdict rests on it. log10 p bounds the probability that a key chosen at random does
 as well on the very same file, all frames and parts together, everything searched paid for; beside
-it, the median of what single frames say. *Found* means p <= {fpr:g}. The control columns are the
-same attacks, with the same random numbers, on the unmarked asset."""
+it, the median of what single frames say. *Found* means p <= {fpr:g}. The attack's MRMS is its own,
+against the marked copy, in space and both ways: what was moved elsewhere or added counts. The
+control columns are the same attacks, with the same random numbers, on the unmarked asset."""
 
 
 def page_of(document: Mapping[str, Any], plots: Sequence[str] = ()) -> str:
@@ -125,6 +126,7 @@ def _attack_table(rows: Sequence[Row]) -> str:
     static = any(row["frames"] == "first" for row in rows)
     header = ["attack", "per", *(["frames"] if static else [])]
     header += ["BER avg", "paper", "BER max", "paper", "log10 p", "median frame", "found"]
+    header += ["attack MRMS / diagonal"]
     header += ["control log10 p", "control found", "control frames by luck"]
     lines = [
         [
@@ -135,6 +137,7 @@ def _attack_table(rows: Sequence[Row]) -> str:
             _number(row["log10_p"], ".1f"),
             _number(row["log10_p_single_frame_median"], ".1f"),
             _found(row),
+            _number(row["attack_mrms_rel"], ".6f"),
             _number(row["control"]["log10_p"], ".1f"),
             _found(row["control"]),
             _number(row["control"]["frames_lucky"], ".0%"),

@@ -96,6 +96,7 @@ def _row(
         "per": cell.per,
         "scheme": recipe.scheme,
         **_figures(marked),
+        "attack_mrms_rel": marked.get("attack_mrms_rel"),
         "label": cell.label,
         "family": cell.family,
         "frames": cell.frames,

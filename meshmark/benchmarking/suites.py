@@ -253,6 +253,44 @@ _LEAKS = (
     *_ways("remeshing-sdf", "marching cubes 128", FRAME, resolution=128),
 )
 
+# What hides a mark at next to no cost to the shape, or would if detection let it.
+_HIDING = (
+    *_NONE,
+    *(
+        _each("joining", "animation", f"joined: {thing}", thing=thing)
+        for thing in ("ground", "box", "body", "sheet", "wall")
+    ),
+    *(
+        _each("cutting", "animation", f"cut into {patches}", patches=patches, gap=1e-6)
+        for patches in (2, 12, 100)
+    ),
+    *(
+        _each("junk", "animation", label, share=share, where=where)
+        for label, share, where in (
+            ("first frame scrambled", 0.01, "start"),
+            ("first half scrambled", 0.5, "start"),
+            ("two thirds scrambled", 0.67, "random"),
+        )
+    ),
+    *(_each("relaxation", "frame", f"relaxation {n}", steps=n) for n in (3, 5, 10)),
+    *(
+        cell
+        for amplitude in (0.005, 0.01, 0.02)
+        for cell in _ways("wobble", f"wobble {100 * amplitude:g} %", BOTH, amplitude=amplitude)
+    ),
+    *(
+        cell
+        for size in (0.5, 1.0)
+        for cell in _ways("jitter", f"jitter {size:g} edges", BOTH, size=size)
+    ),
+    _combined("simplification:ratio=0.75", "subdivision:scheme=midpoint"),
+    _combined("smoothing:iterations=1,strength=1", "noise:amplitude=0.0005"),
+    *(
+        _each("marking-again", "animation", label, copies=copies)
+        for label, copies in (("marked again", 1), ("mean of three marked again", 3))
+    ),
+)
+
 SUITES: Mapping[str, Suite] = {
     suite.name: suite
     for suite in (
@@ -260,6 +298,7 @@ SUITES: Mapping[str, Suite] = {
         Suite("liris", (*_first(_LIRIS), *_LIRIS)),
         Suite("animation", (*_LIRIS, *_BEYOND)),
         Suite("leaks", _LEAKS),
+        Suite("hiding", _HIDING),
     )
 }
 

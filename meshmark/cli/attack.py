@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from meshmark.cli.console import say
+from meshmark.cli.console import say, warn
 from meshmark.cli.options import OutputOption, SeedOption, SourceArgument, TrustedOption
 
 
@@ -33,4 +33,7 @@ def attack(
     check_output(output, asset, deliver=False)
     attacked = attack_asset(asset, made, seed)
     write_attacked(attacked, output)
+    for mesh in attacked.meshes:
+        for note in mesh.notes:
+            warn(f"{mesh.prim}: {note}")
     say(f"{output}: written")

@@ -34,7 +34,7 @@ def bench(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for the report; made if missing.")
     ],
-    suite: Annotated[str, typer.Option(help="tsai2014, liris, animation or leaks.")],
+    suite: Annotated[str, typer.Option(help="tsai2014, liris, animation, leaks or hiding.")],
     schemes: Annotated[
         list[str], typer.Option("--scheme", help="How the mark is carried; again for more.")
     ] = [DEFAULT_SCHEME],  # noqa: B006 (typer makes a new list each time)

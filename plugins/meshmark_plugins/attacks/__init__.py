@@ -94,6 +94,24 @@ RECORDS = [
         {"iterations": 10, "kind": "umbrella", "strength": 0.1},
     ),
     _record(
+        "relaxation",
+        "Relaxation",
+        "vertices evened out along the surface, which stays",
+        {"steps": 5, "strength": 1.0},
+    ),
+    _record(
+        "jitter",
+        "Jitter",
+        "vertices moved at random along the surface, which stays",
+        {"size": 1.0, "per": "animation"},
+    ),
+    _record(
+        "wobble",
+        "Wobble",
+        "smooth waves through the shape",
+        {"amplitude": 0.01, "waves": 3, "wavelength": 2.0, "per": "animation"},
+    ),
+    _record(
         "simplification",
         "Simplification",
         "edges collapsed where the error is smallest",
@@ -110,6 +128,18 @@ RECORDS = [
         "Cropping",
         "cuts a share of the vertices away with a plane",
         {"share": 0.1, "direction": None, "per": "animation"},
+    ),
+    _record(
+        "joining",
+        "Joining",
+        "a ground, a box, a body, a hidden sheet or a wall made part of the mesh",
+        {"thing": "ground", "size": 3.0, "area": 5.0},
+    ),
+    _record(
+        "cutting",
+        "Cutting",
+        "cut into pieces that hardly move",
+        {"patches": 12, "gap": 1e-6},
     ),
     _record(
         "reorder",
@@ -142,6 +172,12 @@ RECORDS = [
         {"share": 0.25},
     ),
     _record(
+        "junk",
+        "Junk",
+        "frames whose points are scrambled",
+        {"share": 0.5, "where": "start"},
+    ),
+    _record(
         "window",
         "Window",
         "consecutive frames kept, the rest cut off",
@@ -169,6 +205,12 @@ RECORDS = [
         "Collusion",
         "two differently marked copies averaged or alternated",
         {"other": None, "kind": "mean"},
+    ),
+    _record(
+        "marking-again",
+        "MarkingAgain",
+        "marked with another key, or the mean of copies marked so",
+        {"copies": 1},
     ),
 ]
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Topology
 from meshmark.errors import InputError
+from meshmark.topology import face_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -60,6 +61,31 @@ def permute(topology: Topology, vertices: IntArray, polygons: IntArray) -> Topol
     return Topology(
         counts, renamed[topology.indices[np.repeat(start, counts) + within]], topology.n_points
     )
+
+
+def join(topology: Topology, F: IntArray, n_more: int) -> Topology:
+    """Put triangles (F, 3) behind the polygons, over `n_more` points behind the old ones."""
+    counts = np.concatenate([topology.counts, np.full(len(F), 3)])
+    indices = np.concatenate([topology.indices, F.ravel()])
+    return Topology(counts, indices, topology.n_points + n_more)
+
+
+def neighbours(topology: Topology) -> tuple[IntArray, IntArray]:
+    """List pairs of polygons that share an edge.
+
+    Returns
+    -------
+    pairs : (A, 2) int
+        Numbers of the polygons.
+    shared : (A, 2) int
+        The vertices of the shared edge.
+    """
+    polygon = np.repeat(np.arange(len(topology.counts)), topology.counts - 2)
+    triangles, shared = face_adjacency(topology.triangles)
+    pairs = polygon[triangles]
+    # Triangles of one polygon meet along its diagonals.
+    apart = pairs[:, 0] != pairs[:, 1]
+    return pairs[apart], shared[apart]
 
 
 def require_triangles(V: FloatArray, F: IntArray, attack: str) -> tuple[FloatArray, IntArray]:

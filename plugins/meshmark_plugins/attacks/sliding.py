@@ -1,0 +1,40 @@
+"""Moves of vertices along the surface they lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.geometry import vertex_normals
+from meshmark.surface import ClosestPoints
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def tangential(V: FloatArray, F: IntArray, D: FloatArray) -> FloatArray:
+    """Take what lies along the vertices' normals out of displacements, (N, 3)."""
+    n = vertex_normals(V, F)
+    along: FloatArray = D - np.einsum("ij,ij->i", D, n)[:, None] * n
+    return along
+
+
+def slide(surface: ClosestPoints, V: FloatArray, D: FloatArray) -> FloatArray:
+    """Move vertices, and put those that moved back on the surface.
+
+    Parameters
+    ----------
+    surface : ClosestPoints
+        The surface.
+    V, D : (N, 3) float64
+        Vertices on it, and their displacements.
+
+    Returns
+    -------
+    (N, 3) float64
+        Points of the surface; a vertex whose displacement is 0 stays, wherever it is.
+    """
+    moving = D.any(axis=1)
+    points = V.copy()
+    points[moving] = surface.points((V + D)[moving])
+    return points
