@@ -18,10 +18,13 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, OutputError
+from meshmark.files import read_small, write_private
 
 KEY_BYTES = 32
 _HEADER = "meshmark-key-1"
 _TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * KEY_BYTES}}})\s*")
+# Whoever edits a key file may leave blanks in it, but no more than that.
+_MOST = 1 << 12  # bytes
 # HKDF-SHA256 yields at most 255 blocks of 32 bytes.
 _HKDF_LIMIT = 255 * 32
 
@@ -125,15 +128,12 @@ class Key:
         OutputError
             If the file exists (a key is never overwritten) or cannot be written.
         """
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         try:
-            descriptor = os.open(path, flags, 0o600)
+            write_private(f"{_HEADER}\n{self.secret.hex()}\n", path)
         except FileExistsError:
             raise OutputError("exists already; a key is never overwritten", source=path) from None
         except OSError as error:
             raise OutputError(f"cannot write the key file: {error.strerror}", source=path) from None
-        with os.fdopen(descriptor, "w", encoding="ascii") as file:
-            file.write(f"{_HEADER}\n{self.secret.hex()}\n")
 
     @classmethod
     def load(cls, path: Path) -> Key:
@@ -145,11 +145,9 @@ class Key:
             If it cannot be read or is not a key file. Its content is never part of the message.
         """
         try:
-            text = Path(path).read_text(encoding="ascii")
+            text = read_small(Path(path), _MOST).decode("ascii")
         except UnicodeDecodeError:
             raise InputError("is not a meshmark key file", source=path) from None
-        except OSError as error:
-            raise InputError(f"cannot read the key file: {error.strerror}", source=path) from None
         match = _TEXT.fullmatch(text)
         if match is None:
             raise InputError(

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from meshmark.errors import OutputError
+from meshmark.files import written_beside
 
 MANIFEST_SUFFIX = ".meshmark.json"
 FORMAT = 1
@@ -61,31 +59,6 @@ def write_bytes(data: bytes, path: Path) -> None:
     """Write bytes beside `path`, then put them in place; see `write_json`."""
     with written_beside(path) as file:
         file.write(data)
-
-
-@contextmanager
-def written_beside(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file beside `path`, and put it in place when it is written.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written; then, and whenever else the block is left by an exception,
-        nothing is left of it.
-    """
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror}", source=path) from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            yield file
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror}", source=path) from None
-    finally:
-        Path(name).unlink(missing_ok=True)
 
 
 def file_hashes(files: Iterable[tuple[str, str]], folder: Path) -> list[dict[str, str]]:

@@ -8,6 +8,7 @@ from io import StringIO
 from pathlib import Path
 
 from meshmark.errors import InputError, UsageError
+from meshmark.files import read_small
 
 # Characters of a name, and bytes of a file of names.
 LONGEST, MOST = 256, 1 << 26
@@ -86,16 +87,7 @@ def read_names(path: Path) -> list[str]:
 
 
 def _text(path: Path) -> str:
-    if path.exists() and not path.is_file():
-        raise InputError("is not a file", source=path)
     try:
-        with path.open("rb") as file:
-            data = file.read(MOST + 1)
-    except OSError as error:
-        raise InputError(f"cannot read the names: {error.strerror}", source=path) from None
-    if len(data) > MOST:
-        raise InputError(f"more than {MOST >> 20} MB are no names", source=path)
-    try:
-        return data.decode("utf-8-sig")
+        return read_small(path, MOST).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("names must be UTF-8 text", source=path) from None

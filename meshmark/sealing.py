@@ -24,7 +24,7 @@ from typing import IO
 import platformdirs
 
 from meshmark.errors import InputError, OutputError
-from meshmark.manifest import written_beside
+from meshmark.files import opened, read_small, write_private, written_beside
 from meshmark.scratch import no_room
 
 SECRET_VARIABLE = "MESHMARK_EVIDENCE_SECRET"
@@ -32,6 +32,7 @@ SECRET_BYTES = 32
 _HEADER = "meshmark-evidence-secret-1"
 _TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * SECRET_BYTES}}})\s*")
 
+_MOST = 1 << 12  # bytes
 _DIGEST = "sha256"
 _SEAL_BYTES = 32
 # Bytes of a file held at once.
@@ -112,7 +113,7 @@ def unsealed(path: Path, kind: bytes, *, authenticated: bool = True) -> Iterator
         If there is no room for temporary files.
     """
     with tempfile.SpooledTemporaryFile(max_size=_ROOM) as copy:
-        with _opened(path) as file:
+        with opened(path) as file:
             if file.read(len(kind)) != kind:
                 raise InputError(
                     f"does not begin as {kind.decode().strip()}: it is of an older version, whose "
@@ -134,17 +135,6 @@ def unsealed(path: Path, kind: bytes, *, authenticated: bool = True) -> Iterator
         yield copy
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
-    if path.exists() and not path.is_file():
-        raise InputError("is not a file", source=path)
-    try:
-        with path.open("rb") as file:
-            yield file
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
-
-
 def _keep(copy: IO[bytes], data: bytes) -> None:
     try:
         copy.write(data)
@@ -156,18 +146,16 @@ def _secret(*, make: bool = False) -> bytes:
     path = secret_path()
     if make and not path.exists():
         _make_secret(path)
-    try:
-        text = path.read_text(encoding="ascii")
-    except FileNotFoundError:
+    if not path.exists():
         raise InputError(
             f"there is no secret that evidence could be authentic by; {SECRET_VARIABLE} says "
             "where it is",
             source=path,
-        ) from None
+        )
+    try:
+        text = read_small(path, _MOST).decode("ascii")
     except UnicodeDecodeError:
         raise InputError("is not a secret of meshmark's", source=path) from None
-    except OSError as error:
-        raise InputError(f"cannot read the secret: {error.strerror}", source=path) from None
     match = _TEXT.fullmatch(text)
     if match is None:
         raise InputError("is not a secret of meshmark's", source=path)
@@ -179,13 +167,8 @@ def _make_secret(path: Path) -> None:
     text = f"{_HEADER}\n{secrets.token_hex(SECRET_BYTES)}\n"
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        # Made beside and linked: of two that are made at once, one is seen, and seen whole.
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=".", suffix=".tmp") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-            with suppress(FileExistsError):
-                os.link(file.name, path)
+        with suppress(FileExistsError):
+            write_private(text, path)
     except OSError as error:
         raise OutputError(
             f"cannot make the secret that evidence is sealed with: {error.strerror}; "

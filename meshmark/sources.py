@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Asset
 from meshmark.errors import InputError, UsageError
+from meshmark.files import opened, require_no_device
 from meshmark.plugins import catalogue, make_reader
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = Fals
         If a wanted mesh is not in it.
     """
     name = str(source)
+    require_no_device(Path(name))
     if isolated:
         from meshmark.isolation.reading import read_isolated
 
@@ -122,14 +124,11 @@ def source_digests(asset: Asset) -> tuple[tuple[str, str], ...]:
 def sha256(path: Path, beat: Callable[[], None] | None = None) -> str:
     """Hash a file; `beat` is called after every few megabytes."""
     digest = hashlib.sha256()
-    try:
-        with path.open("rb") as file:
-            while chunk := file.read(CHUNK):
-                digest.update(chunk)
-                if beat is not None:
-                    beat()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+    with opened(path) as file:
+        while chunk := file.read(CHUNK):
+            digest.update(chunk)
+            if beat is not None:
+                beat()
     return digest.hexdigest()
 
 

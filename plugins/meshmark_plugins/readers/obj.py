@@ -11,6 +11,7 @@ import numpy as np
 
 from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, MeshmarkError
+from meshmark.files import opened
 from meshmark_plugins.readers.obj_files import find_frames, looks_like_frames
 from meshmark_plugins.readers.obj_text import ObjText
 from meshmark_plugins.readers.obj_write import write_marked, write_new
@@ -103,10 +104,8 @@ class ObjFiles:
             return self._text(index).fingerprint()
 
     def _text(self, index: int) -> ObjText:
-        try:
-            return ObjText(Path(self.paths[index]).read_bytes())
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}") from error
+        with opened(Path(self.paths[index])) as file:
+            return ObjText(file.read())
 
     @contextmanager
     def _naming(self, index: int) -> Iterator[None]:

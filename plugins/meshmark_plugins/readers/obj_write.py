@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.animation import Asset, Frame, Topology
-from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.errors import OutputError, UsageError
+from meshmark.files import opened
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
 
@@ -135,10 +136,8 @@ def _with_points(data: bytes, frame: Frame, path: Path) -> bytes:
 
 
 def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from error
+    with opened(path) as file:
+        return file.read()
 
 
 def _frame_names(times: FloatArray) -> list[str]:
