@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,22 @@ from meshmark.errors import UsageError
 from meshmark.isolation.reading import read_isolated
 from meshmark.json_values import number
 from meshmark.keys import Key
+from meshmark.locks import held
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
+from meshmark.pairing import announced, output_hashes
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
-from meshmark.sources import read, source_digests, texture_coordinates, writer
+from meshmark.sources import (
+    read,
+    require_unchanged,
+    source_digests,
+    texture_coordinates,
+    writer,
+)
 from meshmark.unmarked import (
     require_allowed,
     require_small,
@@ -101,7 +110,8 @@ def mark_file(
     Raises
     ------
     InputError, CapacityError, UsageError, OutputError
-        Nothing is written then.
+        Nothing is written then, unless it is what was written that cannot be verified, or its
+        source that changed meanwhile: the manifest says so (see `meshmark.pairing`).
     """
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")
@@ -121,66 +131,71 @@ def mark_file(
         require_allowed(markable, allow_unmarked)
     else:
         markable = split_in_place(markable)
-    marked = embed(
-        markable,
-        key,
-        recipe=recipe,
-        recipient=recipient,
-        frames=frames,
-        jobs=jobs,
-        progress=_stage(progress, "embed"),
-    )
-    if deliver:
-        require_small(markable, marked.skipped, allow_unmarked)
-    marked = replace(marked, original=original)
-    delivery = None if dry_run else write(complete(marked))
-    written = marked.asset if dry_run else reread(marked, target)
-    # Nobody smoothed what was written just now, or joined anything to it.
-    evidence = gather(
-        written,
-        recipes=[recipe],
-        frames=frames,
-        restored=False,
-        parts=False,
-        jobs=jobs,
-        progress=_stage(progress, "verify"),
-    )
-    recipients = [] if recipient is None else [recipient]
-    verdict = judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
-    left_out = (each for each in markable.left_out if deliver or not each.guide)
-    skipped = (*marked.skipped, *left_out, *others)
-    document = {
-        "format": FORMAT,
-        "meshmark": __version__,
-        "source": _source(original, target),
-        "output": target.name,
-        "delivered": deliver,
-        "key_id": key.id,
-        "recipient": recipient,
-        "frames": frames,
-        "plugins": recipe.as_json(),
-        "prims": _prims(marked, verdict, jobs),
-        "skipped": [{"prim": each.prim, "reason": each.reason} for each in skipped],
-        "verification": {
-            "verdict": verdict.verdict,
-            "log10_p": verdict.log10_p,
-            "fpr": TARGET_FPR,
-        },
-    }
-    if delivery is not None:
-        document["delivery"] = delivery.as_json()
-    if dry_run:
-        return Manifest(document)
-    path = manifest_path(target)
-    write_json(document, path)
-    return Manifest(document, path)
+    files = source_digests(original)
+    with nullcontext() if dry_run else held(target):
+        marked = embed(
+            markable,
+            key,
+            recipe=recipe,
+            recipient=recipient,
+            frames=frames,
+            jobs=jobs,
+            progress=_stage(progress, "embed"),
+        )
+        if deliver:
+            require_small(markable, marked.skipped, allow_unmarked)
+        marked = replace(marked, original=original)
+        left_out = (each for each in markable.left_out if deliver or not each.guide)
+        skipped = (*marked.skipped, *left_out, *others)
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "meshmark": __version__,
+            "source": _source(original, files, target),
+            "output": target.name,
+            "delivered": deliver,
+            "key_id": key.id,
+            "recipient": recipient,
+            "frames": frames,
+            "plugins": recipe.as_json(),
+            "skipped": [{"prim": each.prim, "reason": each.reason} for each in skipped],
+        }
+        require_unchanged(files)
+        with nullcontext() if dry_run else announced(document, target):
+            delivery = None if dry_run else write(complete(marked))
+            if delivery is not None:
+                document["delivery"] = delivery.as_json()
+            # Nobody smoothed what was written just now, or joined anything to it.
+            evidence = gather(
+                marked.asset if dry_run else reread(marked, target),
+                recipes=[recipe],
+                frames=frames,
+                restored=False,
+                parts=False,
+                jobs=jobs,
+                progress=_stage(progress, "verify"),
+            )
+            recipients = [] if recipient is None else [recipient]
+            verdict = judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
+            document["prims"] = _prims(marked, verdict, jobs)
+            document["verification"] = {
+                "verdict": verdict.verdict,
+                "log10_p": verdict.log10_p,
+                "fpr": TARGET_FPR,
+            }
+            if dry_run:
+                return Manifest(document)
+            require_unchanged(files)
+            document["output_files"] = output_hashes(target)
+            path = manifest_path(target)
+            write_json(document, path)
+            return Manifest(document, path)
 
 
-def _source(original: Asset, target: Path) -> dict[str, Any]:
+def _source(original: Asset, files: Sequence[tuple[str, str]], target: Path) -> dict[str, Any]:
     folder = target.parent.resolve()
     return {
         "path": Path(os.path.relpath(original.source, folder)).as_posix(),
-        "files": file_hashes(source_digests(original), folder),
+        "files": file_hashes(files, folder),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from glob import glob
@@ -119,6 +119,24 @@ def source_digests(asset: Asset) -> tuple[tuple[str, str], ...]:
         return asset.facts.files
     files = (path.resolve() for path in source_files(asset.source))
     return tuple((str(path), sha256(path)) for path in files)
+
+
+def require_unchanged(files: Iterable[tuple[str, str]]) -> None:
+    """Refuse to go on with a source of which a file is not what it was.
+
+    Parameters
+    ----------
+    files : iterable of (str, str)
+        As `source_digests` found them.
+
+    Raises
+    ------
+    InputError
+        If one was changed.
+    """
+    for file, digest in files:
+        if sha256(Path(file)) != digest:
+            raise InputError("changed while it was read; start again", source=file)
 
 
 def sha256(path: Path, beat: Callable[[], None] | None = None) -> str:

@@ -113,6 +113,7 @@ def verify(
             continue
         verdicts.append(verdict)
         _tell(verdict, everything)
+        _tell_of_manifest(source)
     if json:
         put_json({"assets": [verdict.as_json() for verdict in verdicts]})
     code = worst or exit_code(verdicts)
@@ -216,6 +217,14 @@ def _tell(verdict: Verdict, everything: bool) -> None:
         say(f"  and {len(verdict.prims) - len(shown)} more meshes that say less: --all shows them")
     for note in verdict.notes:
         warn(note)
+
+
+def _tell_of_manifest(source: str) -> None:
+    from meshmark.pairing import remark
+
+    said = remark(Path(source))
+    if said is not None:
+        warn(f"{source}: {said}")
 
 
 def _tell_prim(prim: PrimVerdict, whose: bool) -> None:

@@ -1,0 +1,155 @@
+"""An output and the manifest beside it: at no moment does one pass for that of another.
+
+Two files cannot be put in place at once. So the manifest goes first and last: before an output is
+written, the manifest beside it says that a run is under way, and what stands there as yet; after
+it was verified, the manifest holds the output's own hashes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from meshmark.errors import OutputError
+from meshmark.manifest import manifest_path, write_bytes, write_json
+from meshmark.sources import sha256
+
+# Bytes of a manifest.
+LONGEST = 1 << 26
+
+NOTE = (
+    "The run that this tells of is under way, or was broken off. A file that has the hashes below "
+    "is what was there before, and the manifest below is its own; any other was never verified."
+)
+
+Hashes = list[dict[str, str]]
+
+
+def output_hashes(output: Path) -> Hashes:
+    """Hash an output, a file or each file of a folder; nothing if it is missing.
+
+    Returns
+    -------
+    list of {"file", "sha256"}
+        Names are relative to the folder that the output is in.
+    """
+    files = sorted(output.iterdir()) if output.is_dir() else [output]
+    return [
+        {"file": file.relative_to(output.parent).as_posix(), "sha256": sha256(file)}
+        for file in files
+        if file.is_file()
+    ]
+
+
+@contextmanager
+def announced(document: dict[str, Any], output: Path) -> Iterator[None]:
+    """Let the manifest say what a run is about to do to an output, while the block does it.
+
+    The block is to end with the manifest of what it wrote. If it is left by an exception and the
+    output is what it was, so will be its manifest; if not, the announcement stays.
+
+    Parameters
+    ----------
+    document : dict
+        What is known of the output as yet.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; nothing is changed then.
+    """
+    path = manifest_path(output)
+    standing, content = output_hashes(output), _content(path)
+    before = {"files": standing, "manifest": _manifest_of(standing, _parsed(content))}
+    write_json({**document, "unfinished": {"note": NOTE, **before}}, path)
+    try:
+        yield
+    except BaseException:
+        if output_hashes(output) == standing:
+            _put_back(content, path)
+        raise
+
+
+def remark(output: Path) -> str | None:
+    """Say what is wrong with the manifest beside a file or folder; None if it is its own.
+
+    There may be none, or one of an older version, which does not tell what it belongs to.
+    """
+    try:
+        content = _content(manifest_path(output))
+    except OutputError as error:
+        return error.message
+    if content is None or not output.exists():
+        return None
+    found = _parsed(content)
+    if found is None:
+        return "the manifest beside it is none"
+    standing = output_hashes(output)
+    unfinished = found.get("unfinished")
+    if isinstance(unfinished, dict):
+        if _same(unfinished.get("files"), standing):
+            return "the manifest beside it is of a run that has not replaced it"
+        return "the manifest beside it is of a run that was not finished; this was not verified"
+    if "output_files" in found and not _same(found["output_files"], standing):
+        return "the manifest beside it is of another file: the hashes differ"
+    return None
+
+
+def _manifest_of(standing: Hashes, found: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Choose what speaks of the output that stands: a manifest, what it replaced, or nothing."""
+    if found is None or not standing:
+        return None
+    unfinished = found.get("unfinished")
+    if not isinstance(unfinished, dict):
+        return found if _same(found.get("output_files", standing), standing) else None
+    if _same(unfinished.get("files"), standing):
+        manifest = unfinished.get("manifest")
+        return manifest if isinstance(manifest, dict) else None
+    return {name: value for name, value in found.items() if name != "unfinished"}
+
+
+def _same(told: Any, standing: Hashes) -> bool:
+    """Compare hashes that a manifest tells; a copy under another name is the same copy."""
+    if not isinstance(told, list) or not all(isinstance(each, dict) for each in told):
+        return False
+    if len(told) == len(standing) == 1:
+        return bool(told[0].get("sha256") == standing[0]["sha256"])
+    return _by_name(told) == _by_name(standing)
+
+
+def _by_name(files: Hashes) -> dict[str, Any]:
+    return {str(each.get("file")).partition("/")[2]: each.get("sha256") for each in files}
+
+
+def _content(path: Path) -> bytes | None:
+    """Read a manifest, whoever wrote it; None if there is none."""
+    if not path.exists():
+        return None
+    if not path.is_file():
+        raise OutputError("is in the way: it is no file", source=path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(LONGEST + 1)
+    except OSError as error:
+        raise OutputError(f"cannot be read: {error.strerror}", source=path) from None
+    if len(content) > LONGEST:
+        raise OutputError("is in the way: it is no manifest", source=path)
+    return content
+
+
+def _parsed(content: bytes | None) -> dict[str, Any] | None:
+    try:
+        document = None if content is None else json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None
+
+
+def _put_back(content: bytes | None, path: Path) -> None:
+    if content is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_bytes(content, path)
