@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from meshmark.errors import InputError
+from meshmark.errors import InputError, MeshmarkError
+from meshmark.isolation.limits import Limits
+from meshmark.isolation.report import describe_error, error_from
 from meshmark.manifest import manifest_path
 from meshmark.sources import STAGE_SUFFIXES
 
 
-def check_file(file: str | Path) -> dict[str, Any]:
+def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
     """List what a deliverable gives away: shapes, layers, paths and words.
+
+    Unless it is trusted, a process of its own looks at it, which it could crash or hang.
 
     Where its manifest lies beside it, the meshes that this says are marked may resemble each
     other.
@@ -32,10 +39,44 @@ def check_file(file: str | Path) -> dict[str, Any]:
     name = str(file)
     if not name.lower().endswith(STAGE_SUFFIXES):
         raise InputError(f"only {', '.join(STAGE_SUFFIXES)} can be checked", source=name)
+    if not Path(name).is_file():
+        raise InputError("no such file", source=name)
+    if trusted:
+        from meshmark.usd.checking import check_stage
+
+        findings = check_stage(name, _marked_meshes(Path(name)))
+        return {"file": name, "findings": [asdict(each) for each in findings]}
+    said = subprocess.run(
+        [sys.executable, "-P", "-m", __name__, name],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
+    if said.returncode:
+        raise InputError(
+            f"crashes the USD library ({said.returncode}), or needs more memory or time than it "
+            "is given",
+            source=name,
+        )
+    told = json.loads(said.stdout)
+    if "error" in told:
+        raise error_from(told["error"])
+    return dict(told)
+
+
+def _check_within_limits(file: str) -> dict[str, Any]:
+    limits = Limits.from_environment()
+    limits.impose(file)
+    limits.expect_progress()
     from meshmark.usd.checking import check_stage
 
-    findings = check_stage(name, _marked_meshes(Path(name)))
-    return {"file": name, "findings": [asdict(each) for each in findings]}
+    try:
+        marked = _marked_meshes(Path(file))
+        findings = check_stage(file, marked, beat=limits.expect_progress)
+    except MeshmarkError as error:
+        return {"error": describe_error(error)}
+    return {"file": file, "findings": [asdict(each) for each in findings]}
 
 
 def _marked_meshes(file: Path) -> list[str]:
@@ -47,3 +88,14 @@ def _marked_meshes(file: Path) -> list[str]:
         return [str(each["prim"]) for each in document["prims"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"is no manifest: {error}", source=path) from None
+
+
+if __name__ == "__main__":
+    # What libraries print is no part of the answer.
+    answer = os.dup(1)
+    os.dup2(2, 1)
+    document = _check_within_limits(sys.argv[1])
+    with os.fdopen(answer, "w") as stdout:
+        json.dump(document, stdout)
+    # Without taking down libraries that a hostile file has been through.
+    os._exit(0)

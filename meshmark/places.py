@@ -29,7 +29,7 @@ def require_apart(outputs: Iterable[Path], files: Iterable[Path]) -> None:
     """
     taken: set[str | tuple[int, int]] = set()
     for file in files:
-        taken |= _identities(file) | set(map(_folded, file.resolve().parents))
+        taken |= _identities(file) | set(map(_folded, _resolved(file).parents))
     for output in outputs:
         if not taken.isdisjoint(_identities(output)):
             raise OutputError("is part of the source and will not be overwritten", source=output)
@@ -51,12 +51,17 @@ def require_names_fit(outputs: Iterable[Path]) -> None:
 
 def _identities(path: Path) -> set[str | tuple[int, int]]:
     """Name a file by all that tells it: its paths, and its inode if it is there."""
-    known: set[str | tuple[int, int]] = {_folded(path.absolute()), _folded(path.resolve())}
+    known: set[str | tuple[int, int]] = {_folded(path.absolute()), _folded(_resolved(path))}
     try:
         status = path.stat()
     except OSError:
         return known
     return known | {(status.st_dev, status.st_ino)}
+
+
+def _resolved(path: Path) -> Path:
+    # Path.resolve raises where links lead in a circle.
+    return Path(os.path.realpath(path))
 
 
 def _folded(path: Path) -> str:

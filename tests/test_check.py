@@ -143,6 +143,17 @@ def test_what_cannot_be_checked(run: Run, tmp_path: Path) -> None:
         assert (code, out, err.count("\n")) == (3, "", 1), name
 
 
+def test_a_crash_costs_one_line(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    marked_stage(tmp_path / "s.usda").Save()
+    for file in (Path(__file__).parent / "faults" / "crate-crash").iterdir():
+        code, out, err = run(str(file))
+        assert (code, out, err.count("\n")) == (3, "", 1)
+    monkeypatch.setenv("MESHMARK_READ_MEMORY", "0.001")
+    code, out, err = run("s.usda")
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert run("s.usda", "--trusted")[0] == 0
+
+
 def test_absolute_paths_in_text_are_told_from_prims(tmp_path: Path) -> None:
     stage = marked_stage(tmp_path / "s.usda")
     prim = stage.GetPrimAtPath("/World")

@@ -181,3 +181,22 @@ def test_capital_suffixes_are_suffixes(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes().startswith(b"PXR-USDC")
         assert Sdf.Layer.FindOrOpen(str(tmp_path / name))
         assert read_stage(str(tmp_path / name)).meshes[0].prim == "/M"
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["./loop1", f"./{'x' * 5000}.png", f"/{'x/' * 3000}a.png", "[x]", "~someone/a.png", "<UDIM>"],
+    ids=["circle of links", "long name", "long path", "brackets", "home", "tiles only"],
+)
+def test_strange_names_in_the_source_are_no_bugs(tmp_path: Path, path: str) -> None:
+    (tmp_path / "loop1").symlink_to("loop2")
+    (tmp_path / "loop2").symlink_to("loop1")
+    source = write_text(tmp_path / "src.usda", f'{cube()}def "x"\n{{\nasset t = @{path}@\n}}')
+    check_output(tmp_path / "o.usda", source, deliver=True)
+    original = read_stage(source)
+    try:
+        write_flattened(original, moved(original), tmp_path / "o.usda")
+    except OutputError:
+        assert path == "[x]"
+    else:
+        assert "someone" not in (tmp_path / "o.usda").read_text()

@@ -7,19 +7,20 @@ from typing import Annotated
 import typer
 
 from meshmark.cli.console import put_json
-from meshmark.cli.options import JsonOption
+from meshmark.cli.options import JsonOption, TrustedOption
 
 FOUND = 1
 
 
 def check(
     file: Annotated[str, typer.Argument(help="A USD file.", show_default=False)],
+    trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Look at FILE as its recipient could: what does it give away? Exit 1 if anything."""
     from meshmark.checking import check_file
 
-    document = check_file(file)
+    document = check_file(file, trusted=trusted)
     if json:
         put_json(document)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from glob import escape, glob
@@ -74,7 +75,7 @@ def anchor_asset_paths(
         if Ar.IsPackageRelativePath(path):
             copied = assets_folder(output) / unpacking.copy(path)
             return sublayer_path(copied, output)
-        elsewhere = PureWindowsPath(path).drive != ""
+        elsewhere = PureWindowsPath(path).drive != "" or path.startswith("~")
         if not Path(path).is_absolute() and not elsewhere:
             return path
         relative = path if elsewhere else sublayer_path(Path(path), output)
@@ -149,5 +150,5 @@ def _exists(path: str) -> bool:
     """Tell whether there is a file, or a tile of a texture."""
     before, tiled, after = path.partition(UDIM)
     if not tiled:
-        return Path(path).exists()
+        return os.path.exists(path)  # noqa: PTH110 (Path raises where a name is too long)
     return bool(glob(f"{escape(before)}[0-9][0-9][0-9][0-9]{escape(after)}"))  # noqa: PTH207

@@ -47,7 +47,9 @@ class Finding:
     what: str
 
 
-def check_stage(source: str, marked: Collection[str] = ()) -> list[Finding]:
+def check_stage(
+    source: str, marked: Collection[str] = (), beat: Callable[[], None] = lambda: None
+) -> list[Finding]:
     """Look for all that a deliverable must not give away.
 
     Parameters
@@ -56,6 +58,8 @@ def check_stage(source: str, marked: Collection[str] = ()) -> list[Finding]:
         The file.
     marked : collection of str
         Meshes known to be marked, each by itself: they may resemble each other.
+    beat : callable
+        Called as the work goes on.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def check_stage(source: str, marked: Collection[str] = ()) -> list[Finding]:
         # A package is checked by what it opens with.
         scratch = Sdf.Layer.CreateAnonymous(".usda")
         scratch.TransferContent(layer)
-        found = _copies(scratch, _own_traces(stage, source), set(marked))
+        found = _copies(scratch, _own_traces(stage, beat), set(marked), beat)
         found |= _layers(layer) | _paths(scratch)
         found |= {
             Finding("metadata", where.strip(), what.strip() or "tells of the origin")
@@ -120,12 +124,13 @@ def require_no_traces(file: Path, traces: Traces, output: Path) -> None:
         )
 
 
-def _own_traces(stage: Usd.Stage, source: str) -> Traces:
+def _own_traces(stage: Usd.Stage, beat: Callable[[], None]) -> Traces:
     traces = Traces(stage)
     for prim in mesh_prims(stage):
         path = str(prim.GetPath())
         try:
             for time in sample_times(prim):
+                beat()
                 traces.add(path, float(time), local_points(prim, float(time)))
         except (InputError, ValueError):
             # A mesh without a shape, or with another at each time, has no copies.
@@ -133,11 +138,14 @@ def _own_traces(stage: Usd.Stage, source: str) -> Traces:
     return traces
 
 
-def _copies(layer: Sdf.Layer, traces: Traces, marked: set[str]) -> set[Finding]:
+def _copies(
+    layer: Sdf.Layer, traces: Traces, marked: set[str], beat: Callable[[], None]
+) -> set[Finding]:
     def differs(copy: Copy, rounding: float) -> bool:
         return copy.match.residual > rounding
 
     def look(array: Numbers, place: Place) -> tuple[Numbers, set[str]]:
+        beat()
         without: set[str] = set()
         if place.path == f"{place.owner}.points" and place.owner in traces.shapes:
             sampled = np.isnan(place.time) and layer.GetNumTimeSamplesForPath(place.path)
@@ -207,7 +215,7 @@ def _paths(layer: Sdf.Layer) -> set[Finding]:
         outer = Ar.SplitPackageRelativePathOuter(path)[0] or path
         if Sdf.FileFormat.FindByExtension(path):
             found.add(Finding("layer", path, NAMES_LAYER))
-        elif Path(outer).is_absolute() or PureWindowsPath(outer).drive:
+        elif outer.startswith(("/", "~")) or PureWindowsPath(outer).drive:
             found.add(Finding("path", path, "absolute"))
         elif ".." in Path(outer.replace("\\", "/")).parts:
             found.add(Finding("path", path, "leads out of the folder"))

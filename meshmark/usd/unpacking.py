@@ -150,7 +150,7 @@ def _opened(package: str) -> Iterator[zipfile.ZipFile]:
     with ExitStack() as stack:
         path = Path(outer)
         if path.suffix.lower() != PACKAGE_SUFFIX or not path.is_file():
-            raise OutputError("is no package", source=outer)
+            raise OutputError("is no package", source=outer or package)
         archive = stack.enter_context(zipfile.ZipFile(path))
         while inner:
             name, inner = inner, ""
