@@ -29,6 +29,8 @@ FEWEST_VERTICES = 500
 # Most surfaces of a mesh that are tried each by itself, the ones of the most vertices first; and
 # among how many of them runs of neighbours are tried together.
 MOST_SURFACES, MOST_IN_RUNS = 64, 5
+# A cut has at least so many points on either side; fewer are some hole that nearly closed.
+FEWEST_SEWN = 12
 # Surfaces that all together have less than this share of the area change nothing about the rest.
 NEGLIGIBLE = 0.02
 
@@ -215,7 +217,7 @@ class _Joined:
         """Join meshes, and sew what lies together."""
         points, V, F = _concatenated(bodies)
         pairs = seams(V, F)
-        if len(pairs):
+        if len(pairs) >= FEWEST_SEWN:
             F = sewn(len(V), pairs)[F]
             proper = (F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0])
             F = F[proper]
@@ -268,7 +270,7 @@ def _cut_apart(bodies: Sequence[_Body]) -> Iterator[list[_Body]]:
     for together in clocks.values():
         _, V, F = _concatenated(together)
         pairs = seams(V, F)
-        if not len(pairs):
+        if len(pairs) < FEWEST_SEWN:
             continue
         owner = np.repeat(np.arange(len(together)), [len(body.vertices) for body in together])
         group = sewn(len(together), owner[pairs])
