@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 import meshmark
 from meshmark.evidence import Evidence
+from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
 from meshmark.keys import Key
 from meshmark.parallel import default_jobs, ordered_map
 from meshmark.recipe import Recipe
 from meshmark.verdict import shares
-from meshmark.verification import gather
 
 FloatArray = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from meshmark.animation import Asset
 from meshmark.errors import InputError, UsageError
 from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
+from meshmark.gathering import AssetEvidence, gather
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
-from meshmark.recipe import Recipe
+from meshmark.recipe import Recipe, all_schemes
 from meshmark.sources import read, source_digests, source_files
-from meshmark.verification import AssetEvidence, all_schemes, gather
 
 
 def kept_evidence(

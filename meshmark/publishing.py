@@ -11,6 +11,7 @@ from typing import Any
 
 from meshmark.animation import Asset
 from meshmark.errors import UsageError
+from meshmark.gathering import gather
 from meshmark.isolation.reading import read_isolated
 from meshmark.json_values import number
 from meshmark.keys import Key
@@ -38,7 +39,7 @@ from meshmark.unmarked import (
     unasked,
 )
 from meshmark.verdict import PrimVerdict, Verdict
-from meshmark.verification import gather, judge_all
+from meshmark.verification import judge_all
 from meshmark.version import __version__
 
 # Called with (stage of the work, prim, frames done, frames in all).

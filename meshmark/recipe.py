@@ -160,3 +160,14 @@ def convert(offer: Offer, name: str, text: str) -> Any:
             f"not {text!r}"
         ) from None
     return text
+
+
+def all_schemes() -> tuple[Recipe, ...]:
+    """Return a recipe for each scheme there is, with its default parameters."""
+    return tuple(Recipe(name, DEFAULT_SEGMENTER, DEFAULT_GEODESIC) for name in scheme_names())
+
+
+def scheme_names() -> tuple[str, ...]:
+    """Return the names of all schemes there are, the default first."""
+    names = [offer.name for offer in catalogue().of_kind("scheme")]
+    return tuple(sorted(names, key=lambda name: (name != DEFAULT_SCHEME, name)))

@@ -17,10 +17,11 @@ from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
 from meshmark.judging import judge
 from meshmark.keys import Key
+from meshmark.looks import LOOKS, verify_in_looks
 from meshmark.placement import Placement
 from meshmark.strand import in_steps
 from meshmark.testing.meshes import icosphere
-from meshmark.verification import LOOKS, verify, verify_in_looks
+from meshmark.verification import verify
 
 KEY = Key(bytes(range(32)))
 NAME, M, K = "oracle", 4, 16

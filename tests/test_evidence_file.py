@@ -18,10 +18,11 @@ from meshmark.errors import InputError, OutputError
 from meshmark.evidence import Evidence
 from meshmark.evidence_file import KIND, StoredEvidence, load_evidence, save_evidence
 from meshmark.evidence_header import EXPANSION, FRAMES, LONGEST
+from meshmark.gathering import AssetEvidence
 from meshmark.keys import Key
 from meshmark.placement import Placement
 from meshmark.strand import Strand
-from meshmark.verification import AssetEvidence, judge_all
+from meshmark.verification import judge_all
 
 KEY = Key(bytes(range(32)))
 

@@ -12,11 +12,11 @@ import pytest
 from meshmark import Key, mark_file, read, verify
 from meshmark.attacking import attack_asset
 from meshmark.evidence import Evidence
+from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
 from meshmark.parallel import default_jobs
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe
-from meshmark.verification import gather
 
 pytestmark = pytest.mark.slow
 

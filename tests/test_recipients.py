@@ -7,12 +7,13 @@ import pytest
 
 from meshmark.errors import InputError, UsageError
 from meshmark.evidence import Evidence
+from meshmark.gathering import AssetEvidence
 from meshmark.keys import Key
 from meshmark.placement import Placement
 from meshmark.recipients import LONGEST, name_or_file, read_names, recipient_name, spellings
 from meshmark.strand import Strand
 from meshmark.verdict import decide
-from meshmark.verification import AssetEvidence, judge_all
+from meshmark.verification import judge_all
 
 KEY = Key(bytes(range(32)))
 COMPOSED, DECOMPOSED = "Andr\u00e9", "Andre\u0301"
@@ -99,7 +100,7 @@ def test_what_is_no_file_is_not_waited_for(tmp_path) -> None:
 def test_files_without_end_are_refused(tmp_path) -> None:
     with (tmp_path / "names").open("wb") as file:
         file.truncate(1 << 33)
-    with pytest.raises(InputError, match="MB"):
+    with pytest.raises(InputError, match="too large"):
         read_names(tmp_path / "names")
 
 

@@ -14,6 +14,7 @@ from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.gathering import gather
 from meshmark.json_values import number
 from meshmark.keys import Key
 from meshmark.metrics import Distortion, distortion
@@ -22,7 +23,7 @@ from meshmark.recipe import Recipe
 from meshmark.sources import texture_coordinates
 from meshmark.surface_distance import surface_distance
 from meshmark.verdict import PrimVerdict, Verdict
-from meshmark.verification import gather, judge_all
+from meshmark.verification import judge_all
 
 FPR = 1e-6
 # What an unmarked frame's best part shows by luck several times in a hundred: 3 bits of 16.

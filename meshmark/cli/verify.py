@@ -132,8 +132,7 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 def _recipes(
     scheme: str | None, segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
-    from meshmark.recipe import recipe_from_text
-    from meshmark.verification import scheme_names
+    from meshmark.recipe import recipe_from_text, scheme_names
 
     if scheme is not None:
         return [recipe_from_text(scheme, segmenter, geodesic, settings)]
