@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -12,10 +11,10 @@ from pathlib import Path
 from typing import IO
 
 from meshmark.errors import InputError, OutputError
+from meshmark.temporary import TemporaryFolder
 
-# Permissions before the user's umask has its say.
-_FOR_ALL = 0o666
-# Of Windows, where text would be read and written otherwise.
+_HIDDEN = ".meshmark-"
+# Of Windows, where text would be read otherwise.
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
@@ -78,17 +77,31 @@ def written_beside(path: Path) -> Iterator[IO[bytes]]:
         If it cannot be written; then, and whenever else the block is left by an exception,
         nothing is left of it.
     """
-    beside = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    with beside(path) as place:
+        with place.open("xb") as file:
+            yield file
+        place.replace(path)
+
+
+@contextmanager
+def beside(output: Path) -> Iterator[Path]:
+    """Give a path of the same name in a temporary folder beside an output.
+
+    It is on the same disk: what is made there can be moved to the output in one step.
+
+    Raises
+    ------
+    OutputError
+        If the block or the making of the folder raises an `OSError`.
+    """
     try:
-        descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, _FOR_ALL)
+        folder = TemporaryFolder(output.parent, _HIDDEN)
         try:
-            with os.fdopen(descriptor, "wb") as file:
-                yield file
-            beside.replace(path)
+            yield folder.path / output.name
         finally:
-            beside.unlink(missing_ok=True)
+            folder.remove()
     except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror}", source=path) from None
+        raise OutputError(f"cannot be written: {error.strerror}", source=output) from None
 
 
 def write_private(text: str, path: Path) -> None:

@@ -23,7 +23,8 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from meshmark.errors import UsageError
+from meshmark.errors import OutputError, UsageError
+from meshmark.temporary import ScratchFolder
 
 # Linux writes up to 4096 bytes in one piece; beside a result, some words about it are sent.
 SHORT = 2048  # bytes
@@ -41,7 +42,7 @@ class Pool:
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
         self.is_abandoned = False
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: ScratchFolder | None = None
         self._count = 0
         # Forking a process in which open3d or pxr has started threads may dead-lock.
         self._context = multiprocessing.get_context("spawn")
@@ -62,11 +63,11 @@ class Pool:
         pickled = pickle.dumps(function)
         try:
             if self._folder is None:
-                self._folder = tempfile.TemporaryDirectory(prefix="meshmark-")
+                self._folder = ScratchFolder()
             self._count += 1
-            path = Path(self._folder.name) / str(self._count)
+            path = self._folder.path / str(self._count)
             path.write_bytes(pickled)
-        except OSError:
+        except (OSError, OutputError):
             return pickled
         return path
 
@@ -138,7 +139,7 @@ class Pool:
         self._lifeline.close()
         self._theirs.close()
         if self._folder is not None:
-            self._folder.cleanup()
+            self._folder.remove()
 
 
 # Those that may have workers.

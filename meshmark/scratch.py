@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import weakref
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Frame, FrameSource
 from meshmark.errors import OutputError
+from meshmark.temporary import TemporaryFolder, no_room, shared_folder
 
 FloatArray = NDArray[np.float64]
 
@@ -76,16 +76,17 @@ class ScratchFile:
             If there is no room for it: better now than after hours of work.
         """
         try:
-            handle, name = tempfile.mkstemp(prefix="meshmark-", suffix=".scratch")
+            within = shared_folder()
+            handle, name = tempfile.mkstemp(suffix=".scratch", dir=within.path)
         except OSError as error:
             raise OutputError(no_room(error)) from None
-        path, owner = Path(name), _Owner()
+        path, owner = Path(name), _Owner(within)
         weakref.finalize(owner, path.unlink, missing_ok=True)
         scratch = cls(path, n_points, dtype, owner)
         try:
             _reserve(handle, n_frames * scratch._stride)
         except OSError as error:
-            raise OutputError(no_room(error), source=path.parent) from None
+            raise OutputError(no_room(error), source=tempfile.gettempdir()) from None
         finally:
             os.close(handle)
         return scratch
@@ -112,29 +113,11 @@ class ScratchFile:
         return (ScratchFile, (self.path, self.n_points, self.dtype))
 
 
-class ScratchFolder:
-    """A temporary folder that lives as long as this object does, or its process.
-
-    Raises
-    ------
-    OutputError
-        If there is no place for it.
-    """
-
-    def __init__(self) -> None:
-        try:
-            self.path = Path(tempfile.mkdtemp(prefix="meshmark-"))
-        except OSError as error:
-            raise OutputError(no_room(error)) from None
-        self._finalizer = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
-
-    def remove(self) -> None:
-        """Remove it now."""
-        self._finalizer()
-
-
+@dataclass(eq=False)
 class _Owner:
-    """Something a finalizer can be tied to."""
+    """Something a finalizer can be tied to, and the folder that is needed until then."""
+
+    within: TemporaryFolder
 
 
 def _reserve(handle: int, size: int) -> None:
@@ -143,8 +126,3 @@ def _reserve(handle: int, size: int) -> None:
         os.posix_fallocate(handle, 0, max(size, 1))
     else:
         os.ftruncate(handle, size)
-
-
-def no_room(error: OSError) -> str:
-    """Say why a temporary file cannot be made, and what to do."""
-    return f"no temporary file can be made: {error.strerror}; TMPDIR can name another folder"

@@ -25,7 +25,7 @@ import platformdirs
 
 from meshmark.errors import InputError, OutputError
 from meshmark.files import opened, read_small, write_private, written_beside
-from meshmark.scratch import no_room
+from meshmark.temporary import no_room
 
 SECRET_VARIABLE = "MESHMARK_EVIDENCE_SECRET"
 SECRET_BYTES = 32

@@ -7,6 +7,7 @@ import sys
 
 from meshmark.cli.console import complain
 from meshmark.cli.stopping import Stopped, stopping
+from meshmark.cli.streams import UNHEARD, Unheard, watched_streams
 from meshmark.errors import MeshmarkError
 
 DEBUG_VARIABLE = "MESHMARK_DEBUG"
@@ -17,21 +18,28 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line; every error is one line on stderr and an exit code."""
+    with watched_streams():
+        _run()
+
+
+def _run() -> None:
     try:
         with stopping():
             from meshmark.cli.app import app
 
-            app(prog_name="meshmark")
+            try:
+                app(prog_name="meshmark")
+            finally:
+                # What waits to be written can still fail.
+                sys.stdout.flush()
     except MeshmarkError as error:
         complain(str(error))
         sys.exit(error.exit_code)
     except Stopped as stop:
         complain(str(stop))
         sys.exit(stop.exit_code)
-    except BrokenPipeError:
-        # Whoever read our output has gone; there is nobody left to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+    except Unheard:
+        sys.exit(UNHEARD)
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise

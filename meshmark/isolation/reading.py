@@ -24,8 +24,8 @@ from meshmark.isolation.report import (
     asset_from,
     error_from,
 )
-from meshmark.scratch import ScratchFolder
 from meshmark.sources import is_stage
+from meshmark.temporary import ScratchFolder
 
 PROGRAM = "meshmark.isolation.child"
 COMPLAINTS = "stderr"

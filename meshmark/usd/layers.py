@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf, Vt
 
 from meshmark.errors import OutputError, UsageError
+from meshmark.files import beside
 from meshmark.usd.diagnostics import caught, reason
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -91,8 +91,8 @@ def new_layer(output: Path) -> Iterator[StreamedLayer]:
     OutputError
         If the place cannot be written to.
     """
-    with replacing(output) as beside, usd_output_errors(output):
-        layer = Sdf.Layer.CreateNew(str(beside))
+    with replacing(output) as place, usd_output_errors(output):
+        layer = Sdf.Layer.CreateNew(str(place))
         yield StreamedLayer(layer)
         layer.Save()
 
@@ -118,30 +118,18 @@ def replacing(output: Path, companion: Path | None = None) -> Iterator[Path]:
     """
     if output.suffix.lower() not in SUFFIXES:
         raise UsageError(f"must end in one of {', '.join(SUFFIXES)}", source=output)
-    with _os_errors(output):
-        # On the same disk, or it could not be moved in one step.
-        folder = tempfile.TemporaryDirectory(prefix=".meshmark-", dir=output.parent)
-    with folder as name:
-        beside = Path(name) / output.name
-        yield beside
-        with _os_errors(output), ExitStack() as undo:
-            if companion is not None and (made := Path(name) / companion.name).is_dir():
-                before = Path(name) / "before"
+    with beside(output) as place:
+        yield place
+        with ExitStack() as undo:
+            if companion is not None and (made := place.with_name(companion.name)).is_dir():
+                before = place.with_name("before")
                 if companion.exists():
                     companion.rename(before)
                     undo.callback(before.rename, companion)
                 made.rename(companion)
                 undo.callback(companion.rename, made)
-            beside.replace(output)
+            place.replace(output)
             undo.pop_all()
-
-
-@contextmanager
-def _os_errors(output: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", source=output) from None
 
 
 @contextmanager

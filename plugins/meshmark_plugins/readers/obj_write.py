@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Asset, Frame, Topology
 from meshmark.errors import OutputError, UsageError
-from meshmark.files import opened
+from meshmark.files import beside, opened
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
 
@@ -183,37 +181,17 @@ def _new_folder(output: Path) -> Iterator[Path]:
     """Give a folder beside the output, which takes its place once it is complete."""
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise OutputError("exists already and is not an empty folder", source=output)
-    place = _beside(output)
-    with _reporting(output):
-        try:
-            place.mkdir()
-            yield place
-            if output.exists():
-                output.rmdir()
-            place.rename(output)
-        finally:
-            shutil.rmtree(place, ignore_errors=True)
+    with beside(output) as place:
+        place.mkdir()
+        yield place
+        if output.exists():
+            output.rmdir()
+        place.rename(output)
 
 
 @contextmanager
 def _new_file(output: Path) -> Iterator[Path]:
     """Give a file beside the output, which takes its place once it is complete."""
-    place = _beside(output)
-    with _reporting(output):
-        try:
-            yield place
-            place.replace(output)
-        finally:
-            place.unlink(missing_ok=True)
-
-
-def _beside(output: Path) -> Path:
-    return output.with_name(f".{output.name}.{uuid.uuid4().hex[:8]}.part")
-
-
-@contextmanager
-def _reporting(output: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", source=output) from error
+    with beside(output) as place:
+        yield place
+        place.replace(output)
