@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,6 +31,8 @@ class Topology:
         Point index of each corner, polygon after polygon.
     n_points : int
         Number of points the indices refer to.
+    left_out : str
+        What is wrong with polygons that were left out; see `fit`.
 
     Raises
     ------
@@ -41,6 +44,7 @@ class Topology:
     counts: IntArray
     indices: IntArray
     n_points: int
+    left_out: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", np.ascontiguousarray(self.counts, dtype=np.int64))
@@ -63,6 +67,28 @@ class Topology:
             )
 
     @classmethod
+    def fit(cls, counts: IntArray, indices: IntArray, n_points: int) -> Topology:
+        """Build a topology of those polygons that are any, if there are some.
+
+        One bad index in a copy must not keep the rest of it from being looked at. What was left
+        out is told in `left_out`; `meshmark.validation.check` refuses it.
+        """
+        try:
+            return cls(counts, indices, n_points)
+        except InputError as error:
+            if len(counts) == 0 or counts.min() < 0 or counts.max() > len(indices):
+                raise
+            if counts.sum() != len(indices):
+                raise
+            polygon = np.repeat(np.arange(len(counts)), counts)
+            kept = counts >= 3
+            kept[polygon[(indices < 0) | (indices >= n_points)]] = False
+            if not kept.any():
+                raise
+            told = f"{np.sum(~kept)} of {len(kept)} faces are none: {error.message}"
+            return cls(counts[kept], indices[kept[polygon]], n_points, told)
+
+    @classmethod
     def from_triangles(cls, faces: IntArray, n_points: int) -> Topology:
         """Build a topology of triangles, `faces` (F, 3) int."""
         return cls(np.full(len(faces), 3, dtype=np.int64), np.asarray(faces).reshape(-1), n_points)
@@ -71,6 +97,13 @@ class Topology:
     def triangles(self) -> IntArray:
         """Polygons as a fan of triangles, (F, 3) int, in polygon order."""
         return triangulate(self.counts, self.indices)
+
+    def digest(self) -> bytes:
+        """Return what is equal for topologies that are the same."""
+        found = hashlib.blake2b(self.counts.tobytes(), digest_size=16)
+        found.update(self.indices.tobytes())
+        found.update(f"{self.n_points} {self.left_out}".encode())
+        return found.digest()
 
     def same_as(self, other: Topology) -> bool:
         """Tell whether both describe the same polygons over the same number of points."""
@@ -181,6 +214,8 @@ class MeshAnimation:
     dtype : str
         Type of the source's coordinates: "float16", "float32" or "float64". Frames are
         float64 whatever it is; a copy is written in it.
+    flaw : str
+        What is wrong with faces that had to be left out: the mesh can be looked at, not marked.
     """
 
     times: FloatArray
@@ -191,6 +226,7 @@ class MeshAnimation:
     notes: tuple[str, ...] = ()
     in_place: bool = True
     dtype: str = "float32"
+    flaw: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", np.asarray(self.times, dtype=np.float64))

@@ -33,6 +33,20 @@ def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
     return lengths(area_vectors(V, F))
 
 
+def surface_box(V: FloatArray, F: IntArray) -> tuple[float, FloatArray]:
+    """Measure the bounding box of a surface, points that no triangle uses left aside.
+
+    Returns
+    -------
+    diagonal : float
+        Its length; 0 without triangles.
+    centre : (3,) float64
+    """
+    corners = V[F.ravel()] if len(F) else np.zeros((1, 3))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return float(np.linalg.norm(high - low)), (low + high) / 2
+
+
 def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
     """Give every vertex a third of the area of each of its triangles, (N,) float64."""
     return sum_at_corners(face_areas(V, F) / 3.0, F, len(V))

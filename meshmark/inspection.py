@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,10 @@ import numpy as np
 from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.detection import extract
-from meshmark.errors import CapacityError, InputError
+from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.interfaces import JointScheme
 from meshmark.recipe import Recipe
-from meshmark.validation import check
+from meshmark.validation import bad_frames
 from meshmark.welding import Welding
 
 
@@ -42,15 +43,16 @@ def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:
 
 
 def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
-    check(animation)
-    first = animation[0]
+    bad = dict(bad_frames(animation))
+    index = next((i for i in range(len(animation)) if i not in bad), next(iter(bad), 0))
+    first = animation[index]
     entry: dict[str, Any] = {
         "prim": animation.prim,
         "frames": len(animation),
         "points": first.topology.n_points,
         "faces": len(first.topology.counts),
         "constant_topology": animation.constant_topology,
-        "notes": list(animation.notes),
+        "notes": [*animation.notes, *_passed_over(bad.values())],
         "can_hold": False,
         "reason": None,
         "parts": 0,
@@ -61,13 +63,13 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
     try:
         with breakdown_means_no_capacity():
             entry["parts"] = count_parts(first, recipe)
-        if not animation.constant_topology:
-            raise InputError("the connectivity changes over time")
+        _require_marking(animation, bad.values())
         scheme = recipe.build()
         if isinstance(scheme, JointScheme):
+            sound = animation.select([i for i in range(len(animation)) if i not in bad])
             with breakdown_means_no_capacity():
-                scheme.require_capacity(animation.map(Welding.of(first).frame), jobs=1)
-        evidence = extract(animation, scheme, recipe.scheme, frames=(0,))
+                scheme.require_capacity(sound.map(Welding.of(first).frame), jobs=1)
+        evidence = extract(animation, scheme, recipe.scheme, frames=(index,))
     except (CapacityError, InputError) as error:
         return {**entry, "reason": error.message}
     return {
@@ -77,6 +79,24 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         "chips": evidence.chips,
         "reachable_log10_p": evidence.reachable_log10_p,
     }
+
+
+def _require_marking(animation: MeshAnimation, bad: Collection[InputError]) -> None:
+    """Refuse what `embed` does: frames and faces that cannot be read, and faces that change."""
+    if animation.flaw:
+        raise InputError(animation.flaw)
+    unreadable = [error for error in bad if not isinstance(error, NoExtentError)]
+    if unreadable:
+        raise InputError(f"{len(unreadable)} bad frames: {unreadable[0].without_source()}")
+    if len(bad) == len(animation):
+        raise next(iter(bad))
+    if not animation.constant_topology:
+        raise InputError("the connectivity changes over time")
+
+
+def _passed_over(bad: Iterable[InputError]) -> list[str]:
+    empty = [error for error in bad if isinstance(error, NoExtentError)]
+    return [f"{len(empty)} frames would be passed over: {empty[0].message}"] if empty else []
 
 
 def count_parts(frame: Frame, recipe: Recipe) -> int:

@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.embedding import Embedded, embed_animation
-from meshmark.errors import CapacityError
+from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.keys import Key
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
 from meshmark.timeline import frames_in, in_range
+from meshmark.validation import bad_frames
 
 MeshProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class MarkedMesh:
-    """One mesh that was marked."""
+    """One mesh that was marked.
+
+    Parameters
+    ----------
+    original : MeshAnimation
+        As it was read.
+    embedded : Embedded
+        As it was marked.
+    passed_over : tuple of (float, NoExtentError)
+        Times at which it is scaled to nothing; those frames stay as they are.
+    """
 
     original: MeshAnimation
     embedded: Embedded
+    passed_over: tuple[tuple[float, NoExtentError], ...] = ()
 
     @property
     def animation(self) -> MeshAnimation:
@@ -93,6 +105,8 @@ def embed(
 
     Raises
     ------
+    InputError
+        If a frame in the range cannot be read.
     CapacityError
         If no mesh can hold a mark. Some meshes of several that cannot are listed as skipped.
     UsageError
@@ -106,8 +120,11 @@ def embed(
     marked: list[MarkedMesh] = []
     within, beyond = in_range(whole, frames)
     skipped = list(beyond)
+    # All of them first: what cannot be read is to be known before hours of work.
+    passed_over = {mesh.prim: _passed_over(mesh, frames) for mesh in within.meshes}
     for animation in within.meshes:
         tell = None if progress is None else partial(progress, animation.prim)
+        empty = passed_over[animation.prim]
         try:
             embedded = embed_animation(
                 animation,
@@ -115,7 +132,7 @@ def embed(
                 name,
                 key,
                 recipient=whose,
-                frames=frames_in(animation, frames),
+                frames=_remaining(animation, frames, empty),
                 jobs=jobs,
                 progress=tell,
             )
@@ -124,11 +141,38 @@ def embed(
                 raise
             skipped.append(LeftOut(animation.prim, error.message))
             continue
-        marked.append(MarkedMesh(animation, embedded))
+        told = tuple((float(animation.times[index]), error) for index, error in empty.items())
+        marked.append(MarkedMesh(animation, embedded, told))
     if not marked:
         reasons = "; ".join(f"{each.prim}: {each.reason}" for each in skipped[:3])
         raise CapacityError(f"no mesh can hold a mark: {reasons}", source=whole.source)
     return MarkedAsset(whole, tuple(marked), tuple(skipped))
+
+
+def _passed_over(animation: MeshAnimation, frames: str | None) -> dict[int, NoExtentError]:
+    """Find the frames with nothing to mark in them; any other that is unfit raises."""
+    if animation.flaw:
+        raise InputError(animation.flaw, source=animation.origin, prim=animation.prim)
+    chosen = frames_in(animation, frames)
+    found: dict[int, NoExtentError] = {}
+    for index, error in bad_frames(animation.select(chosen)):
+        if not isinstance(error, NoExtentError):
+            raise error
+        found[chosen[index]] = error
+    return found
+
+
+def _remaining(
+    animation: MeshAnimation, frames: str | None, passed_over: Mapping[int, NoExtentError]
+) -> tuple[int, ...]:
+    kept = tuple(index for index in frames_in(animation, frames) if index not in passed_over)
+    if not kept:
+        raise CapacityError(
+            next(iter(passed_over.values())).message,
+            source=animation.origin,
+            prim=animation.prim,
+        )
+    return kept
 
 
 def as_asset(animation: MeshAnimation) -> Asset:

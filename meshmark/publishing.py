@@ -33,6 +33,7 @@ from meshmark.sources import (
 )
 from meshmark.unmarked import (
     require_allowed,
+    require_extent,
     require_small,
     split_fit,
     split_in_place,
@@ -130,6 +131,7 @@ def mark_file(
     markable = split_fit(original)
     if deliver:
         require_allowed(markable, allow_unmarked)
+        require_extent(markable, allow_unmarked)
     else:
         markable = split_in_place(markable)
     files = source_digests(original)
@@ -223,6 +225,9 @@ def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int
         "faces": len(first.topology.counts),
         "frames": len(mesh.original),
         "marked_frames": len(chosen),
+        "passed_over": [
+            {"time": number(time), "reason": error.message} for time, error in mesh.passed_over
+        ],
         "carriers": mesh.embedded.carriers,
         "distortion": {name: number(value) for name, value in vars(found).items()},
         "verification": None if told is None else {name: told[name] for name in kept},

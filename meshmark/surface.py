@@ -33,8 +33,10 @@ class ClosestPoints:
     def __init__(self, V: FloatArray, F: IntArray) -> None:
         o3d = load_open3d()
         self._V, self._F = V, F
-        self._centre = (V.min(axis=0) + V.max(axis=0)) / 2
-        self._scale = float(np.ptp(V, axis=0).max()) or 1.0
+        # Points that no triangle uses must not cost precision.
+        corners = V[F.ravel()]
+        self._centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        self._scale = float(np.ptp(corners, axis=0).max()) or 1.0
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(self._local(V), np.ascontiguousarray(F, dtype=np.uint32))
 

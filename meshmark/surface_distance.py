@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError
+from meshmark.geometry import surface_box
 from meshmark.surface import ClosestPoints, sample_surface
 
 FloatArray = NDArray[np.float64]
@@ -25,7 +26,7 @@ class SurfaceDistance:
     mrms : float
         Root of the area-weighted mean squared distance, the larger of the two directions.
     diagonal : float
-        Diagonal of the first mesh's bounding box, to which both are put in relation.
+        Diagonal of the first surface's bounding box, to which both are put in relation.
     """
 
     hausdorff: float
@@ -77,11 +78,11 @@ def surface_distance(
     P. Cignoni, C. Rocchini, R. Scopigno, "Metro: measuring error on simplified surfaces",
     Computer Graphics Forum 17(2), 1998, doi:10.1111/1467-8659.00236.
     """
-    diagonal = float(np.linalg.norm(np.ptp(V0, axis=0))) if len(V0) else 0.0
-    if not diagonal > 0 or not len(F0) or not len(F1):
+    # Points that no face uses are no part of the surface.
+    diagonal, centre = surface_box(V0, F0)
+    if not diagonal > 0 or not len(F1):
         raise InputError("a mesh without faces or without extent has no surface to compare")
     # One frame for both, so that nothing is lost to single precision far from the origin.
-    centre = (V0.min(axis=0) + V0.max(axis=0)) / 2
     A, B = (V0 - centre) / diagonal, (V1 - centre) / diagonal
     rng = np.random.default_rng(seed)
     there = _one_sided(A, F0, B, F1, samples, rng)

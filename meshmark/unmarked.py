@@ -8,7 +8,7 @@ from dataclasses import replace
 from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import CapacityError, InputError
 from meshmark.geometry import face_areas
-from meshmark.validation import check
+from meshmark.validation import bad_frames, check
 
 # What is smaller than this, beside marked meshes, is worth nothing without them.
 CONSIDERABLE = 0.1
@@ -82,6 +82,24 @@ def require_allowed(asset: Asset, allowed: Sequence[str]) -> None:
         Naming the first, and how many there are.
     """
     _refuse(asset, [each for each in asset.left_out if not _allows(allowed, each.prim)])
+
+
+def require_extent(asset: Asset, allowed: Sequence[str]) -> None:
+    """Refuse to deliver frames in which a mesh is scaled to nothing, unless somebody allows it.
+
+    They hold no mark; where a transform scales the mesh, its points are there all the same.
+
+    Raises
+    ------
+    CapacityError
+        Naming the first, and how many meshes there are.
+    """
+    loose = []
+    for mesh in asset.meshes:
+        if not _allows(allowed, mesh.prim) and (empty := bad_frames(mesh)):
+            time, reason = mesh.times[empty[0][0]], empty[0][1].message
+            loose.append(LeftOut(mesh.prim, f"{reason} in {len(empty)} frames, {time:g} first"))
+    _refuse(asset, loose)
 
 
 def require_small(asset: Asset, skipped: Sequence[LeftOut], allowed: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError, NoExtentError
-from meshmark.geometry import face_areas
+from meshmark.geometry import face_areas, surface_box
 from meshmark.mesh_arrays import require_measurable
 
 # Share of the squared diagonal below which a surface has no area: it is a point, or a line.
@@ -14,7 +14,7 @@ NO_AREA = 1e-12
 
 
 def check(animation: MeshAnimation) -> None:
-    """Read every frame once, one at a time, and let the first that cannot be read raise.
+    """Read every frame once, one at a time, and refuse a mesh that cannot be read as a whole.
 
     Parameters
     ----------
@@ -24,8 +24,10 @@ def check(animation: MeshAnimation) -> None:
     Raises
     ------
     InputError
-        Naming file, prim and frame.
+        If a frame cannot be read, or faces had to be left out; it names file, prim and frame.
     """
+    if animation.flaw:
+        raise InputError(animation.flaw, source=animation.origin, prim=animation.prim)
     for _, error in bad_frames(animation):
         if not isinstance(error, NoExtentError):
             raise error
@@ -67,12 +69,10 @@ def _fault(animation: MeshAnimation, index: int) -> InputError | None:
 
 
 def _require_extent(frame: Frame) -> None:
-    used = frame.points[frame.topology.indices]
-    low, high = used.min(axis=0), used.max(axis=0)
-    diagonal = float(np.linalg.norm(high - low))
+    diagonal, centre = surface_box(frame.points, frame.faces)
     if diagonal < np.finfo(np.float32).tiny:
         raise NoExtentError("the mesh is scaled to nothing")
     # Of size 1 about the origin, or squares might underflow.
-    unit = (frame.points - low) / diagonal
+    unit = (frame.points - centre) / diagonal
     if face_areas(unit, frame.faces).sum() < NO_AREA:
         raise NoExtentError("the mesh is scaled to a line: it has no area")

@@ -81,9 +81,15 @@ BAD_MESHES = {
         None,
     ),
     "more points later": (
-        cube("m", sampled({1: CUBE_POINTS, 2: np.concatenate([CUBE_POINTS, CUBE_POINTS])})),
-        "16 points here but 8",
-        2.0,
+        cube(
+            "m",
+            sampled(
+                {0: np.concatenate([CUBE_POINTS, CUBE_POINTS])}
+                | dict.fromkeys(range(1, 12), CUBE_POINTS)
+            ),
+        ),
+        "16 points here but 8 at most times",
+        0.0,
     ),
     "blocked sample": (
         cube("m", f"point3f[] points.timeSamples = {{ 1: {array(CUBE_POINTS)}, 2: None }}"),

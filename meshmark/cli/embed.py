@@ -125,6 +125,8 @@ def _tell(document: dict[str, Any], dry_run: bool) -> None:
     for prim in document["prims"]:
         for note in prim["notes"]:
             warn(f"{prim['prim']}: {note}")
+        for frame in prim["passed_over"]:
+            warn(f"{prim['prim']}: frame {frame['time']:g} stays as it is: {frame['reason']}")
         found = prim["distortion"]
         say(
             f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "

@@ -11,7 +11,13 @@ from pxr import Usd
 from meshmark.animation import Frame, Topology
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import local_points, local_to_world, read_topology, world_points
+from meshmark.usd.geometry import (
+    local_points,
+    local_to_world,
+    number_of_points,
+    read_topology,
+    world_points,
+)
 from meshmark.usd.opening import OpenStage, open_stage
 
 
@@ -30,14 +36,17 @@ class StageFrames:
         Path of the mesh.
     times : tuple of float
         Time codes; a single NaN if the points have no time samples.
-    varies : bool
-        Whether the faces change over time.
+    reference : int or None
+        A frame whose faces, and number of points, are those of all; None if they change.
+    strays : tuple of int
+        Frames of which that is not true, and which are therefore not to be had.
     """
 
     source: str
     prim: str
     times: tuple[float, ...]
-    varies: bool = False
+    reference: int | None = 0
+    strays: tuple[int, ...] = ()
 
     def frame(self, index: int) -> Frame:
         """Read frame `index`.
@@ -45,29 +54,36 @@ class StageFrames:
         Raises
         ------
         InputError
-            If the mesh is unfit at that time: no points, points that are not finite, or
-            points and faces that do not fit each other.
+            If the mesh is unfit at that time: no points, points that are not finite, points
+            and faces that do not fit each other, or others than at most times.
         """
         opened = open_stage(self.source)
         time = self.times[index]
         with blamed(self.source, self.prim, time):
             prim = opened.stage.GetPrimAtPath(self.prim)
             points = world_points(local_points(prim, time), local_to_world(prim, time))
-            return Frame(time, points, self._topology(opened, prim, time, len(points)))
+            if index in self.strays or self.reference is None:
+                topology = read_topology(prim, time, len(points))
+            if index in self.strays:
+                raise InputError(self._difference(opened, prim, topology))
+            if self.reference is not None:
+                topology = self._shared(opened, prim)
+            return Frame(time, points, topology)
 
-    def _topology(self, opened: OpenStage, prim: Usd.Prim, time: float, n_points: int) -> Topology:
-        if self.varies:
-            return read_topology(prim, time, n_points)
+    def _shared(self, opened: OpenStage, prim: Usd.Prim) -> Topology:
+        assert self.reference is not None
         known = opened.topologies.get(self.prim)
         if known is None:
-            known = read_topology(prim, self.times[0], n_points)
+            time = self.times[self.reference]
+            known = read_topology(prim, time, number_of_points(prim, time))
             opened.topologies[self.prim] = known
-        if known.n_points != n_points:
-            raise InputError(
-                f"{n_points} points here but {known.n_points} at another time, "
-                "while the faces stay the same"
-            )
         return known
+
+    def _difference(self, opened: OpenStage, prim: Usd.Prim, own: Topology) -> str:
+        most = self._shared(opened, prim)
+        if own.n_points != most.n_points:
+            return f"{own.n_points} points here but {most.n_points} at most times"
+        return "other faces, or points of another type, than at most times"
 
 
 @contextmanager

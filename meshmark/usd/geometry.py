@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, Vt
@@ -49,6 +52,11 @@ def local_points(prim: Usd.Prim, time: float) -> NDArray[np.floating]:
     points: NDArray[np.floating] = np.asarray(value)
     require_measurable(points)
     return points
+
+
+def number_of_points(prim: Usd.Prim, time: float) -> int:
+    """Count the points without looking at them."""
+    return len(UsdGeom.Mesh(prim).GetPointsAttr().Get(time_code(time)))
 
 
 def local_to_world(prim: Usd.Prim, time: float) -> FloatArray:
@@ -114,10 +122,10 @@ def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
     code = time_code(time)
     counts = integers(mesh.GetFaceVertexCountsAttr(), code)
     indices = integers(mesh.GetFaceVertexIndicesAttr(), code)
-    topology = Topology(counts, indices, n_points)
+    topology = Topology.fit(counts, indices, n_points)
     if not inside_out(prim, time):
         return topology
-    return Topology(topology.counts, backwards(topology.counts, topology.indices), n_points)
+    return replace(topology, indices=backwards(topology.counts, topology.indices))
 
 
 def inside_out(prim: Usd.Prim, time: float) -> bool:
@@ -128,18 +136,40 @@ def inside_out(prim: Usd.Prim, time: float) -> bool:
     return bool((left_handed == UsdGeom.Tokens.leftHanded) != mirrored)
 
 
-def topology_varies(prim: Usd.Prim, times: FloatArray) -> bool:
-    """Tell whether the faces change over time; sampled but equal is constant."""
+def shapes(prim: Usd.Prim, times: FloatArray) -> list[Hashable | None]:
+    """Tell which frames have the same faces over as many points of the same type.
+
+    Returns
+    -------
+    list
+        For each time something that is equal for those; None where there is no mesh.
+    """
     mesh = UsdGeom.Mesh(prim)
-    attributes = (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
-    return any(_changes(attribute, times) for attribute in attributes)
+    faces = (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+    sampled = any(attribute.ValueMightBeTimeVarying() for attribute in faces)
+    found: list[Hashable | None] = []
+    known: dict[Hashable, Hashable | None] = {}
+    for time in times.tolist():
+        code = time_code(time)
+        points = mesh.GetPointsAttr().Get(code)
+        if not isinstance(points, POINT_ARRAYS):
+            found.append(None)
+            continue
+        kind = (type(points), len(points))
+        if sampled or kind not in known:
+            known[kind] = _shape(kind, faces, code)
+        found.append(known[kind])
+    return found
 
 
-def _changes(attribute: Usd.Attribute, times: FloatArray) -> bool:
-    if not attribute.ValueMightBeTimeVarying():
-        return False
-    first = integers(attribute, time_code(times[0]))
-    return any(not np.array_equal(first, integers(attribute, time_code(t))) for t in times[1:])
+def _shape(
+    kind: tuple[type, int], faces: tuple[Usd.Attribute, Usd.Attribute], code: Usd.TimeCode
+) -> Hashable | None:
+    try:
+        counts, indices = (integers(attribute, code) for attribute in faces)
+        return kind[0], Topology.fit(counts, indices, kind[1]).digest()
+    except InputError:
+        return None
 
 
 def integers(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from pxr import Usd, UsdGeom
 
-from meshmark.animation import Asset, LeftOut, MeshAnimation
+from meshmark.agreement import agreed
+from meshmark.animation import Asset, Frame, LeftOut, MeshAnimation
 from meshmark.errors import InputError, UsageError
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
-from meshmark.usd.geometry import local_points, sample_times, topology_varies
+from meshmark.usd.geometry import local_points, sample_times, shapes
 from meshmark.usd.opening import open_stage
 from meshmark.usd.prims import (
     hidden_prototypes,
@@ -34,8 +35,10 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     read, because all three leave the house with the stage; `guide` is left out with a note.
     Meshes inside instances and skinned ones (in their rest pose) are read with a note.
 
-    Only the first frame of each mesh is looked at now, the others when they are asked for; see
-    `meshmark.validation.check` for a look at all.
+    Of the frames only the faces and the number of points are looked at now, and one frame that can
+    be read; the others when they are asked for. Where almost all have the same faces, those that
+    do not are bad frames, which raise when they are asked for, as do frames that cannot be read;
+    see `meshmark.validation.bad_frames`. Faces that are none are left out with a note.
 
     Parameters
     ----------
@@ -136,18 +139,33 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
     path = str(prim.GetPath())
     with blamed(source, path):
         times = sample_times(prim)
-        varies = topology_varies(prim, times)
+        most = agreed(shapes(prim, times))
         said, in_place = notes(prim), not prim.IsInstanceProxy()
-        dtype = local_points(prim, float(times[0])).dtype.name
-    frames = StageFrames(source, path, tuple(times.tolist()), varies)
-    frames.frame(0)
+    reference, strays = (None, ()) if most is None else most
+    frames = StageFrames(source, path, tuple(times.tolist()), reference, strays)
+    index, first = _first_readable(frames)
+    with blamed(source, path):
+        dtype = local_points(prim, frames.times[index]).dtype.name
+    flaw = first.topology.left_out
     return MeshAnimation(
         times=times,
         source=frames,
-        constant_topology=not varies,
+        constant_topology=reference is not None,
         prim=path,
         origin=source,
-        notes=said,
+        notes=(*said, flaw) if flaw else said,
         in_place=in_place,
         dtype=dtype,
+        flaw=flaw,
     )
+
+
+def _first_readable(frames: StageFrames) -> tuple[int, Frame]:
+    """Find a frame that can be read; the first one's error if none can be."""
+    errors: list[InputError] = []
+    for index in range(len(frames.times)):
+        try:
+            return index, frames.frame(index)
+        except InputError as error:
+            errors.append(error)
+    raise errors[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from meshmark.agreement import agreed
 from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.files import opened
@@ -36,21 +37,32 @@ class ObjFrames:
         return looks_like_frames(source)
 
     def read(self, source: str) -> Asset:
-        """Read the first frame, and what tells whether the others have its connectivity.
+        """Read what tells which files have the same connectivity, and one frame.
+
+        Where almost all have the same, those that do not are bad frames, which raise when they
+        are asked for, as do files that cannot be read. Faces that are none are left out with a
+        note.
 
         Raises
         ------
         InputError
-            If there is no OBJ file, one cannot be read, or the first frame is no mesh; other
-            frames report what is wrong with them when they are asked for.
+            If there is no OBJ file, or none of them can be read as a mesh; the first one's reason.
         """
         found = find_frames(source)
         files = ObjFiles(tuple(map(str, found.paths)), found.times)
-        topology = files.frame(0).topology
-        constant = _all_share(files, topology)
-        frames = replace(files, topology=topology) if constant else files
+        most = agreed(files.shapes())
+        if most is not None:
+            reference, strays = most
+            files = replace(files, topology=files.topology_of(reference), strays=strays)
+        first = _first_readable(files)
+        flaw = first.topology.left_out
         animation = MeshAnimation(
-            times=np.array(found.times), source=frames, constant_topology=constant, origin=source
+            times=np.array(found.times),
+            source=files,
+            constant_topology=most is not None,
+            origin=source,
+            notes=(flaw,) if flaw else (),
+            flaw=flaw,
         )
         return Asset(source=source, meshes=(animation,), reader=NAME)
 
@@ -79,18 +91,25 @@ class ObjFiles:
         Their time codes.
     topology : Topology, optional
         What all files share, so that faces need not be parsed again.
+    strays : tuple of int
+        Files that do not share it, and are therefore not to be had.
     """
 
     paths: tuple[str, ...]
     times: tuple[float, ...]
     topology: Topology | None = None
+    strays: tuple[int, ...] = ()
 
     def frame(self, index: int) -> Frame:
         """Parse file `index`."""
         with self._naming(index):
             text = self._text(index)
             V = text.points()
-            topology = text.topology() if self.topology is None else self.topology
+            topology = self.topology
+            if topology is None or index in self.strays:
+                topology = text.topology()
+            if index in self.strays:
+                raise InputError("other faces, or another number of vertices, than in most files")
             if len(V) != topology.n_points:
                 raise InputError(
                     f"{len(V)} vertices where there were {topology.n_points}: "
@@ -98,10 +117,29 @@ class ObjFiles:
                 )
             return Frame(self.times[index], V, topology)
 
-    def fingerprint(self, index: int) -> bytes:
-        """Digest the connectivity of file `index` without parsing it."""
+    def topology_of(self, index: int) -> Topology:
+        """Parse the faces of file `index`."""
         with self._naming(index):
-            return self._text(index).fingerprint()
+            return self._text(index).topology()
+
+    def shapes(self) -> list[bytes | None]:
+        """Digest the connectivity of each file; None where there is none."""
+        known: dict[bytes, bytes | None] = {}
+        return [self._shape(index, known) for index in range(len(self.paths))]
+
+    def _shape(self, index: int, known: dict[bytes, bytes | None]) -> bytes | None:
+        try:
+            text = self._text(index)
+        except InputError:
+            return None
+        written = text.fingerprint()
+        # The same polygons may be written differently, or with other texture indices.
+        if written not in known:
+            try:
+                known[written] = text.topology().digest()
+            except InputError:
+                known[written] = None
+        return known[written]
 
     def _text(self, index: int) -> ObjText:
         with opened(Path(self.paths[index])) as file:
@@ -116,13 +154,12 @@ class ObjFiles:
             raise type(error)(error.message, source=self.paths[index], time=time) from error
 
 
-def _all_share(files: ObjFiles, topology: Topology) -> bool:
-    """Tell whether all files have the connectivity of the first, in the same order."""
-    first = files.fingerprint(0)
-    for index in range(1, len(files.paths)):
-        if files.fingerprint(index) == first:
-            continue
-        # The same polygons may be written differently, or with other texture indices.
-        if not files.frame(index).topology.same_as(topology):
-            return False
-    return True
+def _first_readable(files: ObjFiles) -> Frame:
+    """Read the first frame that can be; the first one's error if none can be."""
+    errors: list[InputError] = []
+    for index in range(len(files.paths)):
+        try:
+            return files.frame(index)
+        except InputError as error:
+            errors.append(error)
+    raise errors[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -93,7 +94,10 @@ class ObjText:
         return V
 
     def topology(self) -> Topology:
-        """Parse the polygons; texture and normal indices are not looked at."""
+        """Parse the polygons; texture and normal indices are not looked at.
+
+        Faces with an index out of range are left out while there are others.
+        """
         text = self._lines_text(self._is_face)
         if not len(text):
             raise InputError("there are no faces (f lines)")
@@ -105,7 +109,15 @@ class ObjText:
         if given is None or len(given) != counts.sum():
             raise self._not_a_number(self._is_face, _CORNER, "face index")
         indices = self._resolve(given, counts)
-        return Topology(counts, indices, self.n_points)
+        if indices.min() >= 0:
+            return Topology(counts, indices, self.n_points)
+        told = self._bad_corner(given, counts, int(np.argmin(indices)))
+        try:
+            topology = Topology.fit(counts, indices, self.n_points)
+        except InputError:
+            raise InputError(told) from None
+        gone = len(counts) - len(topology.counts)
+        return replace(topology, left_out=f"{gone} of {len(counts)} faces are none: {told}")
 
     def fingerprint(self) -> bytes:
         """Digest the face lines and all that decides what they mean, without parsing them."""
@@ -174,18 +186,18 @@ class ObjText:
         return InputError(f"a {what} is not a number")
 
     def _resolve(self, given: IntArray, counts: IntArray) -> IntArray:
-        """Turn 1-based and relative (negative) indices into 0-based ones, checked."""
+        """Turn 1-based and relative (negative) indices into 0-based ones; -1 if out of range."""
         seen = np.cumsum(self._is_vertex)[self._is_face]
         indices = np.where(given > 0, given - 1, np.repeat(seen, counts) + given)
         bad = (given == 0) | (indices < 0) | (indices >= self.n_points)
-        if bad.any():
-            corner = int(np.argmax(bad))
-            row = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
-            raise InputError(
-                f"line {self._line_number(self._is_face, row)}: "
-                f"face index {given[corner]} is out of range for {self.n_points} vertices"
-            )
-        return indices
+        return np.where(bad, -1, indices)
+
+    def _bad_corner(self, given: IntArray, counts: IntArray, corner: int) -> str:
+        row = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
+        return (
+            f"line {self._line_number(self._is_face, row)}: "
+            f"face index {given[corner]} is out of range for {self.n_points} vertices"
+        )
 
 
 def _plain(data: bytes) -> ByteArray:
