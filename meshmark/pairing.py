@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from meshmark.errors import OutputError
+from meshmark.errors import InputError
+from meshmark.files import read_small
 from meshmark.manifest import manifest_path, write_bytes, write_json
 from meshmark.sources import sha256
 
@@ -58,8 +59,10 @@ def announced(document: dict[str, Any], output: Path) -> Iterator[None]:
 
     Raises
     ------
+    InputError
+        If what is in the manifest's place cannot be read.
     OutputError
-        If it cannot be written; nothing is changed then.
+        If it cannot be written. Nothing is changed in either case.
     """
     path = manifest_path(output)
     standing, content = output_hashes(output), _content(path)
@@ -80,8 +83,8 @@ def remark(output: Path) -> str | None:
     """
     try:
         content = _content(manifest_path(output))
-    except OutputError as error:
-        return error.message
+    except InputError as error:
+        return f"the manifest beside it {error.message}"
     if content is None or not output.exists():
         return None
     found = _parsed(content)
@@ -126,18 +129,7 @@ def _by_name(files: Hashes) -> dict[str, Any]:
 
 def _content(path: Path) -> bytes | None:
     """Read a manifest, whoever wrote it; None if there is none."""
-    if not path.exists():
-        return None
-    if not path.is_file():
-        raise OutputError("is in the way: it is no file", source=path)
-    try:
-        with path.open("rb") as file:
-            content = file.read(LONGEST + 1)
-    except OSError as error:
-        raise OutputError(f"cannot be read: {error.strerror}", source=path) from None
-    if len(content) > LONGEST:
-        raise OutputError("is in the way: it is no manifest", source=path)
-    return content
+    return read_small(path, LONGEST) if path.exists() else None
 
 
 def _parsed(content: bytes | None) -> dict[str, Any] | None:

@@ -136,8 +136,8 @@ def test_a_manifest_that_is_no_file_is_not_read(source, tmp_path) -> None:
     mark(source, output, "acme")
     manifest_path(output).unlink()
     os.mkfifo(manifest_path(output))
-    assert "no file" in remark(output)
-    with pytest.raises(OutputError, match="no file"), announced({}, output):
+    assert "not a file" in remark(output)
+    with pytest.raises(InputError, match="not a file"), announced({}, output):
         pass
 
 
