@@ -124,7 +124,11 @@ class Survey:
     ) -> list[Evidence]:
         """Measure some frames; nothing where there is nothing to measure."""
         try:
-            found = view.look(frames, restorations, self._told(view))
+            tell = self._told(view)
+            if tell is not None:
+                # A frame can take long: what it belongs to is to be known before it is done.
+                tell(0, len(frames))
+            found = view.look(frames, restorations, tell)
         except CapacityError as error:
             self._has_read = True
             self._reasons[id(view)] = error
@@ -171,7 +175,9 @@ class Survey:
         return (*dict.fromkeys(unread), *said)
 
     def _told(self, view: Extraction) -> Callable[[int, int], None] | None:
-        return None if self._progress is None else partial(self._progress, view.candidate.name)
+        if self._progress is None:
+            return None
+        return partial(self._progress, f"{view.candidate.name} by {view.name}")
 
 
 def _listed(names: Sequence[str]) -> str:

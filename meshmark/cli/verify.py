@@ -192,8 +192,11 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
                 progress=tell,
             )
             return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
+        progress("read", source, 0, 1)
+        asset = read(source, isolated=not request.trusted)
+        progress("read", source, 1, 1)
         return verify_asset(
-            read(source, isolated=not request.trusted),
+            asset,
             secret,
             recipes=request.recipes,
             recipients=request.recipients,
