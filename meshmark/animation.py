@@ -85,7 +85,7 @@ class Topology:
             kept[polygon[(indices < 0) | (indices >= n_points)]] = False
             if not kept.any():
                 raise
-            told = f"{np.sum(~kept)} of {len(kept)} faces are none: {error.message}"
+            told = f"{np.sum(~kept)} of {len(kept)} faces cannot be used: {error.message}"
             return cls(counts[kept], indices[kept[polygon]], n_points, told)
 
     @classmethod

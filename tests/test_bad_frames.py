@@ -119,7 +119,7 @@ def test_one_bad_obj_file_is_bad_alone(tmp_path: Path, first: str) -> None:
 def test_faces_that_are_none_are_left_out_and_told(counts: list[int], indices: list[int]) -> None:
     topology = Topology.fit(np.array(counts), np.array(indices), 3)
     assert topology.triangles.tolist() == [[0, 1, 2]]
-    assert topology.left_out.startswith("1 of 2 faces are none: ")
+    assert topology.left_out.startswith("1 of 2 faces cannot be used: ")
     with pytest.raises(InputError):
         Topology.fit(np.array(counts[1:]), np.array(indices[3:]), 3)
 
@@ -129,15 +129,15 @@ def test_a_mesh_with_a_bad_face_is_looked_at_but_not_marked(tmp_path: Path) -> N
     mesh = read_one(write_text(tmp_path / "a.usda", spoilt))
     assert len(mesh[0].faces) == 10
     assert bad_frames(mesh) == ()
-    told = "1 of 6 faces are none: face index 99999 is out of range for 8 points"
+    told = "1 of 6 faces cannot be used: face index 99999 is out of range for 8 points"
     assert mesh.notes == (told,)
     for refuse in (check, lambda mesh: embed(mesh, KEY)):
-        with pytest.raises(InputError, match="/cube: 1 of 6 faces are none"):
+        with pytest.raises(InputError, match="/cube: 1 of 6 faces cannot be used"):
             refuse(mesh)
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 7\n")
     (mesh,) = ObjFrames().read(str(tmp_path / "a.obj")).meshes
     assert mesh.flaw == (
-        "1 of 2 faces are none: line 5: face index 7 is out of range for 3 vertices"
+        "1 of 2 faces cannot be used: line 5: face index 7 is out of range for 3 vertices"
     )
 
 

@@ -34,7 +34,7 @@ class Limits:
         GB of temporary files.
     """
 
-    seconds: float = 20.0
+    seconds: float = 15.0
     memory: float = 4.0
     disk: float = 32.0
 

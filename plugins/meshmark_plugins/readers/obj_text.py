@@ -117,7 +117,7 @@ class ObjText:
         except InputError:
             raise InputError(told) from None
         gone = len(counts) - len(topology.counts)
-        return replace(topology, left_out=f"{gone} of {len(counts)} faces are none: {told}")
+        return replace(topology, left_out=f"{gone} of {len(counts)} faces cannot be used: {told}")
 
     def fingerprint(self) -> bytes:
         """Digest the face lines and all that decides what they mean, without parsing them."""
