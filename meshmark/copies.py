@@ -104,7 +104,15 @@ class Shape:
     _poses: OrderedDict[float, Pose] = field(default_factory=OrderedDict, init=False)
 
     def add(self, time: float, points: FloatArray) -> None:
-        """Take note of a pose."""
+        """Take note of a pose.
+
+        Raises
+        ------
+        ValueError
+            If it has another number of vertices.
+        """
+        if len(points) != self.n_points:
+            raise ValueError(f"{len(points)} points instead of {self.n_points}")
         self.times.append(time)
         self.frames.append(frames_of(np.asarray(points, dtype=np.float64)))
         self._samples.append(np.asarray(points, dtype=np.float64)[self.sampled])

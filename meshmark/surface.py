@@ -108,7 +108,7 @@ def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArr
 
 
 def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator) -> FloatArray:
-    """Spread points over a surface, evenly by area.
+    """Spread points over a surface, evenly by area; by faces where there is no area.
 
     Faces are visited in order with one sample for each n-th of the area (systematic sampling),
     which spreads them better than independent draws would.
@@ -118,7 +118,7 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     V : (N, 3) float64
         Vertex positions.
     F : (F, 3) int
-        Triangles, of some area in all.
+        Triangles.
     n : int
         Number of points.
     rng : numpy.random.Generator
@@ -131,6 +131,9 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     """
     a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
     area = lengths(np.cross(b - a, c - a))
+    if not area.any():
+        # Crushed into a line or a point.
+        area = np.ones(len(F))
     place = (np.arange(n) + rng.random(n)) / n
     reached = np.cumsum(area) / area.sum()
     face = np.minimum(np.searchsorted(reached, place, side="right"), len(F) - 1)

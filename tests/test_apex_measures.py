@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -173,6 +175,16 @@ def test_all_area_and_all_weights_within_reach_are_counted_once(ball):
     np.testing.assert_array_equal(some.area, whole.area[:, : 5 * CELLS])
     within = near.H < 5 * WIDTH
     np.testing.assert_allclose(some.weight.sum(axis=1), within @ weights)
+
+
+@pytest.mark.parametrize("far", [1e18, 1e38, 1e300, np.inf])
+def test_what_is_farther_away_than_any_integer_is_left_out(ball, far):
+    near, weights = ball
+    beyond = near.H > 5 * WIDTH
+    distant = replace(near, H=np.where(beyond, far, near.H))
+    with np.errstate(all="raise", under="ignore"):
+        some = profiles_of(distant, weights, WIDTH, 5 * CELLS)
+    np.testing.assert_allclose(some.weight.sum(axis=1), ~beyond @ weights)
 
 
 def test_the_border_lies_where_it_is_and_is_as_long_as_it_is(ball):

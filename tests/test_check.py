@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
-from usd_stages import moved, write_text
+from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
 
 from meshmark.cli import main
 from meshmark.errors import OutputError
@@ -164,3 +164,20 @@ def test_absolute_paths_in_text_are_told_from_prims(tmp_path: Path) -> None:
         prim.CreateAttribute(name, Sdf.ValueTypeNames.String).Set(text)
     stage.Save()
     assert check_stage(str(tmp_path / "s.usda")) == []
+
+
+@pytest.mark.parametrize("later", [CUBE_POINTS[:0], CUBE_POINTS[:3], np.tile(CUBE_POINTS, (2, 1))])
+def test_a_mesh_of_other_points_at_another_time_has_no_copies(
+    tmp_path: Path, later: np.ndarray
+) -> None:
+    for frames in ({1: CUBE_POINTS, 2: later}, {1: later, 2: CUBE_POINTS}):
+        source = write_text(tmp_path / "a.usda", cube(points=sampled(frames)))
+        assert check_stage(source) == []
+
+
+@pytest.mark.parametrize("index", [-1, -9, 8, 2**31 - 1])
+def test_a_face_of_no_vertex_is_none_of_check_s_business(tmp_path: Path, index: int) -> None:
+    text = cube(more=f"float[] primvars:copy = {[0.0] * 72}")
+    text = text.replace(str(CUBE_INDICES), str([*CUBE_INDICES[:-1], index]))
+    source = write_text(tmp_path / "a.usda", text)
+    assert check_stage(source) == []

@@ -76,3 +76,23 @@ def test_samples_are_even_by_area():
     # A triangle's mean is its centroid.
     np.testing.assert_allclose(P[P[:, 2] == 0].mean(axis=0), [2 / 3, 1 / 3, 0], atol=0.03)
     np.testing.assert_allclose(P[P[:, 2] == 1].mean(axis=0), [2 / 3, 1, 1], atol=0.04)
+
+
+@pytest.mark.parametrize(
+    "V",
+    [
+        np.arange(12.0)[:, None] * [1.0, 0.0, 0.0],
+        np.repeat([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]], 6, axis=0),
+        np.full((12, 3), 7.0),
+        np.eye(3)[np.arange(12) % 3] * [1.0, 1e-170, 1e-170],
+    ],
+    ids=["a line", "two points", "one point", "too thin for its area to be a number"],
+)
+def test_a_surface_without_area_is_sampled_by_faces(V):
+    F = np.arange(12).reshape(4, 3)
+    with np.errstate(all="raise", under="ignore"):
+        P = sample_surface(V, F, 1000, np.random.default_rng(0))
+    assert P.min() >= V.min() - 1e-12
+    assert P.max() <= V.max() + 1e-12
+    found = np.abs(V[F].mean(axis=(0, 1)) - P.mean(axis=0)).max()
+    assert found < 0.05 * max(float(np.ptp(V)), 1e-9)

@@ -93,7 +93,8 @@ def _rows(
     n_points: int,
 ) -> csr_matrix:
     x = H / width - 1.0
-    k = np.floor(x).astype(np.int64)
+    # What is far beyond the last bin would be beyond the integers, too.
+    k = np.floor(np.minimum(x, n_bins)).astype(np.int64)
     inside = np.flatnonzero((k >= 0) & (k < n_bins))
     k, u = k[inside], (x - k)[inside]
     share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]

@@ -78,7 +78,8 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
     rows: list[tuple[FloatArray, ...]] = []
     for H in near.H:
         own, spread, along = (
-            (distances * (CELLS / width)).astype(np.int64).ravel()
+            # What is far beyond the last cell would be beyond the integers, too.
+            np.minimum(distances * (CELLS / width), n_cells).astype(np.int64).ravel()
             for distances in (H, H[F] @ SPREAD.T, H[rim] @ ALONG.T)
         )
         rows.append(
@@ -93,5 +94,5 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
 
 
 def _histogram(cells: IntArray, values: FloatArray, n_cells: int) -> FloatArray:
-    total = np.bincount(np.minimum(cells, n_cells), values, n_cells + 1)
+    total = np.bincount(cells, values, n_cells + 1)
     return total[:n_cells].astype(np.float64, copy=False)
