@@ -92,18 +92,20 @@ class Campaign:
     def _again(self, outcome: Outcome) -> Outcome:
         return replace(self.alone(self.make(outcome.index)), at_first=outcome.faults)
 
-    def alone(self, given: Input) -> Outcome:
-        """Run one input in a process of its own."""
-        [outcome] = self._forked([given], debug=True)
+    def alone(self, given: Input, fast: bool = False) -> Outcome:
+        """Run one input in a process of its own, which tells where it fails."""
+        [outcome] = self._forked([given], fast=fast, debug=True)
         return outcome
 
-    def _forked(self, batch: list[Input], debug: bool = False) -> Iterator[Outcome]:
+    def _forked(
+        self, batch: list[Input], fast: bool = True, debug: bool = False
+    ) -> Iterator[Outcome]:
         """Run inputs one after the other in a child, until one fails."""
         theirs, ours = os.pipe()
         pid = os.fork()
         if pid == 0:
             os.close(theirs)
-            _child(batch, self._root, ours, debug)
+            _child(batch, self._root, ours, fast, debug)
         os.close(ours)
         codes: list[int] = []
         index, command = batch[0].index, ""
@@ -148,14 +150,14 @@ def _lines(pipe: Any, pid: int) -> Iterator[bytes | None]:
         yield from lines
 
 
-def _child(batch: list[Input], root: Path, pipe: int, debug: bool) -> None:
+def _child(batch: list[Input], root: Path, pipe: int, fast: bool, debug: bool) -> None:
     code = 1
     try:
         os.setpgid(0, 0)
         limit_resources()
         if debug:
             os.environ["MESHMARK_DEBUG"] = "1"
-        _run(batch, Place(root), pipe, fast=not debug)
+        _run(batch, Place(root), pipe, fast)
         code = 0
     except BaseException:
         sys.excepthook(*sys.exc_info())

@@ -25,6 +25,7 @@ SHARES = {
     "manifest": 3,
 }
 SCHEMES = ("apex", "cho2007", "tsai2014")
+ALLOWING = ((), ("--allow-unmarked", "all"), ("--keep-metadata",))
 OUTSIDE = "../outside/kept"
 
 USD_WORDS = [
@@ -149,14 +150,14 @@ def _commands(kind: str, seed: Seed, rng: Random) -> tuple[tuple[str, ...], ...]
         case "names":
             return (("verify", source, *key, "--recipient", "@names", *QUICK),)
         case "manifest":
-            return (("verify", source, *key, "--frames", ":", *QUICK),)
+            return (("check", source), ("verify", source, *key, "--frames", ":", *QUICK))
         case "evidence":
             recipe = QUICK if seed.name == "quick" else ()
             return (("verify", source, *key, "--evidence", list(seed.files)[-1], *recipe),)
     scheme = rng.choices((QUICK, ("--scheme", "tsai2014"), ("--scheme", "apex")), (4, 2, 1))[0]
     return (
         ("inspect", source, *scheme),
-        *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2))[0],
+        *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2, 2))[0],
     )
 
 
@@ -171,8 +172,9 @@ def _uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[st
         ((*verify, "--scheme", rng.choice(SCHEMES), "--frames", "auto"),),
         (verify,),
         ((*embed, *QUICK, "--recipient", "acme"), again),
-        ((*embed, *QUICK, "--deliver"), again),
+        ((*embed, *QUICK, "--deliver", *rng.choice(ALLOWING)), ("check", output), again),
         (evidence, evidence),
         (("segment", source, "-o", "cut.usda"),),
+        (("check", source, "--json"),),
         (("attack", "noise", source, "-o", output, "-p", "amplitude=0.001", "--seed", "1"),),
     ]
