@@ -15,11 +15,12 @@ from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, s
 from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
 
 from meshmark.cli import main
-from meshmark.errors import OutputError
+from meshmark.errors import InputError, OutputError
 from meshmark.resources import schema_folder
 from meshmark.usd import delivery
 from meshmark.usd.checking import check_stage
 from meshmark.usd.reading import read_stage
+from meshmark.usd.traces import Traces
 
 MARKED = POINTS + np.random.default_rng(8).normal(0, 3e-3, POINTS.shape).astype(np.float32)
 Run = Callable[..., tuple[int, str, str]]
@@ -181,3 +182,14 @@ def test_a_face_of_no_vertex_is_none_of_check_s_business(tmp_path: Path, index: 
     text = text.replace(str(CUBE_INDICES), str([*CUBE_INDICES[:-1], index]))
     source = write_text(tmp_path / "a.usda", text)
     assert check_stage(source) == []
+
+
+@pytest.mark.parametrize(
+    "faces", ["int[] faceVertexIndices = [0, 1, 2]", "token[] faceVertexIndices = []"]
+)
+def test_corners_that_make_no_faces_are_not_gone_through(tmp_path: Path, faces: str) -> None:
+    text = cube("m").replace(f"int[] faceVertexIndices = {CUBE_INDICES}", faces)
+    stage = Usd.Stage.Open(write_text(tmp_path / "a.usda", text))
+    with pytest.raises(InputError):
+        Traces(stage).add("/m", np.nan, CUBE_POINTS)
+    assert check_stage(str(tmp_path / "a.usda")) == []

@@ -148,3 +148,26 @@ def test_what_shows_late(
     (tmp_path / "bad.usda").write_text("this is no layer")
     body = CLIPS.format(clip=clip, manifest=manifest)
     refused(write_text(tmp_path / "late.usda", body), capfd)
+
+
+@pytest.mark.parametrize(
+    "rates", ["0 24", "24 0", "inf 24", "24 -inf", "nan 24", "24 nan", "1e-300 1e300"]
+)
+@pytest.mark.parametrize("how", ["subLayers = [@./body.usda@]", "references"])
+def test_times_that_do_not_convert(
+    tmp_path: Path, rates: str, how: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    own, other = rates.split()
+    moving = cube("m", points=sampled({1: CUBE_POINTS, 2: CUBE_POINTS + 1}))
+    write_text(tmp_path / "body.usda", moving, f"timeCodesPerSecond = {other}")
+    body = 'def "m" (references = @./body.usda@</m>) {}' if how == "references" else ""
+    metadata = f"timeCodesPerSecond = {own}\n" + ("" if body else how)
+    error = refused(write_text(tmp_path / "still.usda", body, metadata), capfd)
+    assert "timeCodesPerSecond" in error.message
+
+
+@pytest.mark.parametrize("rate", ["0", "-24", "inf", "nan"])
+def test_times_that_need_no_conversion(tmp_path: Path, rate: str) -> None:
+    moving = cube("m", points=sampled({1: CUBE_POINTS, 2: CUBE_POINTS + 1}))
+    source = write_text(tmp_path / "body.usda", moving, f"timeCodesPerSecond = {rate}")
+    assert read_one(source).times.tolist() == [1.0, 2.0]

@@ -120,12 +120,22 @@ def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:
     """
     mesh = UsdGeom.Mesh(prim)
     code = time_code(time)
-    counts = integers(mesh.GetFaceVertexCountsAttr(), code)
-    indices = integers(mesh.GetFaceVertexIndicesAttr(), code)
-    topology = Topology.fit(counts, indices, n_points)
+    topology = Topology.fit(*polygons(mesh, code), n_points)
     if not inside_out(prim, time):
         return topology
     return replace(topology, indices=backwards(topology.counts, topology.indices))
+
+
+def polygons(mesh: UsdGeom.Mesh, code: Usd.TimeCode) -> tuple[IntArray, IntArray]:
+    """Read how many corners each face has, (P,), and the vertices at them, (sum of counts,).
+
+    Raises
+    ------
+    InputError
+        If they do not fit each other; the caller adds where.
+    """
+    counts = integers(mesh.GetFaceVertexCountsAttr(), code)
+    return counts, integers(mesh.GetFaceVertexIndicesAttr(), code, size=int(counts.sum()))
 
 
 def inside_out(prim: Usd.Prim, time: float) -> bool:
@@ -157,23 +167,25 @@ def shapes(prim: Usd.Prim, times: FloatArray) -> list[Hashable | None]:
             continue
         kind = (type(points), len(points))
         if sampled or kind not in known:
-            known[kind] = _shape(kind, faces, code)
+            known[kind] = _shape(kind, mesh, code)
         found.append(known[kind])
     return found
 
 
-def _shape(
-    kind: tuple[type, int], faces: tuple[Usd.Attribute, Usd.Attribute], code: Usd.TimeCode
-) -> Hashable | None:
+def _shape(kind: tuple[type, int], mesh: UsdGeom.Mesh, code: Usd.TimeCode) -> Hashable | None:
     try:
-        counts, indices = (integers(attribute, code) for attribute in faces)
-        return kind[0], Topology.fit(counts, indices, kind[1]).digest()
+        return kind[0], Topology.fit(*polygons(mesh, code), kind[1]).digest()
     except InputError:
         return None
 
 
-def integers(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
+def integers(attribute: Usd.Attribute, code: Usd.TimeCode, size: int | None = None) -> IntArray:
     """Read an array of integers, (n,); none where the attribute has no value.
+
+    Parameters
+    ----------
+    size : int, optional
+        What n is to be. A damaged file may claim any, in a few bytes.
 
     Raises
     ------
@@ -188,6 +200,8 @@ def integers(attribute: Usd.Attribute, code: Usd.TimeCode) -> IntArray:
         raise InputError(
             f"{attribute.GetName()} of type {type(value).__name__}; it must be an array of integers"
         )
+    if size is not None and len(value) != size:
+        raise InputError(f"{len(value)} {attribute.GetName()}, where {size} are expected")
     # Unsigned 64-bit numbers out of range become negative ones, which Topology refuses.
     return np.asarray(value).astype(np.int64)
 

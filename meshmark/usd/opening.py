@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -81,7 +82,21 @@ def stage_files(source: str) -> list[Path]:
 def _opened(source: str) -> OpenStage:
     with caught(source) as warnings:
         stage = Usd.Stage.Open(source)
+        _require_time(stage, source)
     return OpenStage(stage, tuple(warnings))
+
+
+def _require_time(stage: Usd.Stage, source: str) -> None:
+    """Refuse layers between whose times nothing converts: pxr looks for samples for ever."""
+    layers = set(stage.GetUsedLayers()) - {stage.GetSessionLayer()}
+    rates = {abs(layer.timeCodesPerSecond) for layer in layers}
+    if len(rates) < 2:
+        return
+    if not all(0.0 < rate < math.inf for rate in rates) or max(rates) / min(rates) == math.inf:
+        told = ", ".join(f"{rate:g}" for rate in sorted(rates))
+        raise InputError(
+            f"times of its layers do not convert: timeCodesPerSecond are {told}", source=source
+        )
 
 
 def _existing_file(source: str) -> Path:

@@ -11,8 +11,8 @@ from meshmark.usd.frames import blamed
 from meshmark.usd.geometry import (
     backwards,
     inside_out,
-    integers,
     local_points,
+    polygons,
     sample_times,
     time_code,
 )
@@ -75,8 +75,7 @@ def _primvar(prim: Usd.Prim) -> UsdGeom.Primvar | None:
 
 def _by_triangle(prim: Usd.Prim, primvar: UsdGeom.Primvar, time: float) -> FloatArray | None:
     code, mesh = time_code(time), UsdGeom.Mesh(prim)
-    counts = integers(mesh.GetFaceVertexCountsAttr(), code)
-    points = integers(mesh.GetFaceVertexIndicesAttr(), code)
+    counts, points = polygons(mesh, code)
     n_points = len(local_points(prim, time))
     by_point = primvar.GetInterpolation() in BY_POINT
     if not by_point and primvar.GetInterpolation() != UsdGeom.Tokens.faceVarying:

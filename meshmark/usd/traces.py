@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from meshmark.copies import Match, Shape, find_cloud, find_in_order
 from meshmark.usd.authoring import Witness
-from meshmark.usd.geometry import local_points, local_to_world
+from meshmark.usd.geometry import local_points, local_to_world, polygons
 from meshmark.usd.layers import extent, vector_array
 from meshmark.usd.numbers import (
     Numbers,
@@ -83,16 +83,23 @@ class Traces:
     shapes: dict[str, Shape] = field(default_factory=dict, init=False)
 
     def add(self, prim: str, time: float, points: NDArray[np.floating]) -> None:
-        """Take note of the points of a mesh at a time."""
+        """Take note of the points of a mesh at a time.
+
+        Raises
+        ------
+        InputError
+            If its faces make no sense.
+        ValueError
+            If it has another number of points than before.
+        """
         if prim not in self.shapes:
             mesh = self.stage.GetPrimAtPath(prim)
-            corners = mesh.GetAttribute("faceVertexIndices").Get(Usd.TimeCode.EarliestTime())
+            _, corners = polygons(UsdGeom.Mesh(mesh), Usd.TimeCode.EarliestTime())
 
             def read(time: float) -> FloatArray:
                 return local_points(mesh, time).astype(np.float64)
 
-            corner = np.asarray(() if corners is None else corners, dtype=np.int64)
-            self.shapes[prim] = Shape(len(points), corner, read)
+            self.shapes[prim] = Shape(len(points), corners, read)
         self.shapes[prim].add(time, points.astype(np.float64))
 
     def witness(self, prim: str) -> Witness:
