@@ -20,6 +20,9 @@ DATA_LIMIT = 3 << 30  # bytes; what is wrong is less
 FILE_LIMIT = 1 << 28
 OUTPUT_KEPT = 1 << 20
 KEPT = "kept"
+# The key's bytes, and so many of its digits anywhere in it.
+DIGITS = 16
+SECRETS = (KEY, *(KEY.hex()[i : i + DIGITS].encode() for i in range(2 * len(KEY) - DIGITS + 1)))
 
 
 @dataclass(frozen=True)
@@ -91,9 +94,8 @@ class Place:
         new = [path for path, what in _listing(folder).items() if before.get(path) != what]
         stray = [*self._strays(), *_unwanted(new, arguments)]
         written = [folder / name for name in new]
-        secrets = (KEY, KEY.hex().encode())
         seen = [out, err, *(path.read_bytes() for path in written if path.is_file())]
-        tells = given.kind != "key" and any(_holds(text, secrets) for text in seen)
+        tells = any(secret in text for text in seen for secret in SECRETS)
         told = (text.decode(errors="backslashreplace") for text in (out, err))
         return Ran(arguments, code, *told, peak, tuple(stray), tells)
 
@@ -172,10 +174,6 @@ def _unwanted(new: list[str], arguments: tuple[str, ...]) -> list[str]:
         if flag in ("-o", "--evidence")
     ]
     return [name for name in new if not any(name.startswith(output) for output in wanted)]
-
-
-def _holds(text: bytes, secrets: tuple[bytes, ...]) -> bool:
-    return any(secret in text for secret in secrets)
 
 
 def _forget_peak() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 
 from .evidence import SECRET
 
-KEY = bytes(range(32))
+KEY = hashlib.sha256(b"a key that is looked for").digest()
 # A scheme that marks the body of 162 points at once.
 QUICK = ("--scheme", "cho2007", "--set", "bits=16")
 
