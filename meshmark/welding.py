@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
-from meshmark.topology import weld
+from meshmark.topology import any_corner, weld
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Where more triangles than this meet in a vertex, as they do in the first corner of a polygon of
+# so many corners, rays and distances take time that grows with their square.
+MOST_AROUND = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,9 @@ class Welding:
     def of(cls, frame: Frame) -> Welding:
         """Weld the exactly coincident points of a frame, and drop points no face uses.
 
+        Triangles about a vertex in which more than `MOST_AROUND` meet are dropped, too: analysis
+        sees a hole there.
+
         Raises
         ------
         CapacityError
@@ -49,6 +56,13 @@ class Welding:
         proper = np.flatnonzero((F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 2] != F[:, 0]))
         if proper.size == 0:
             raise CapacityError("the mesh has no face with three distinct corners")
+        crowded = np.bincount(F[proper].ravel()) > MOST_AROUND
+        if crowded.any():
+            proper = proper[~any_corner(crowded, F[proper])]
+        if proper.size == 0:
+            raise CapacityError(
+                f"more than {MOST_AROUND} triangles meet in a corner of every face of the mesh"
+            )
         used, F = np.unique(F[proper], return_inverse=True)
         slot = np.full(int(new.max()) + 1, -1)
         slot[used] = np.arange(len(used))

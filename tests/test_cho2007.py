@@ -177,3 +177,14 @@ def test_a_horse_frame_survives_light_noise_and_rounding(data_folder) -> None:
 def as_float32(frame: Frame) -> Frame:
     """Round points as a file does."""
     return frame.moved(frame.points.astype(np.float32).astype(np.float64))
+
+
+@pytest.mark.parametrize("n", [400, 5000])
+def test_points_that_are_all_as_far_from_the_centre_are_refused(n) -> None:
+    angle = np.linspace(0.0, 2 * np.pi, n, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+    V = np.concatenate([ring, ring + np.array([0, 0, 3.0])])
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    F = np.concatenate([np.column_stack([i, j, i + n]), np.column_stack([j, j + n, i + n])])
+    with pytest.raises(CapacityError, match="equally far"):
+        Cho2007().layout(Frame(1.0, V, Topology.from_triangles(F, len(V))))

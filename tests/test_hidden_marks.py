@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import meshmark
-from meshmark.animation import Asset, MeshAnimation
+from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.candidates import candidates
 from meshmark.errors import InputError
 from meshmark.recipe import Recipe
@@ -175,6 +175,18 @@ def test_frames_that_cannot_be_read_are_named_and_passed_over(key, marked) -> No
             assert [note.split(":")[2] for note in notes] == [" frame 1", " frame 3"]
     with pytest.raises(InputError, match="frame 1: point 17 is not finite"):
         verdict_on([animation(points[[0, 2]], F)], key)
+
+
+def test_a_polygon_of_twenty_thousand_corners_hides_nothing(key, marked) -> None:
+    V, F = marked
+    n, rng = 20_000, np.random.default_rng(0)
+    counts = np.append(np.full(len(F), 3), n)
+    for corners in (rng.integers(0, len(V), n), np.arange(len(V), len(V) + n)):
+        points = np.concatenate([V, rng.normal(size=(n, 3))])
+        topology = Topology(counts, np.append(F.ravel(), corners), len(points))
+        mesh = MeshAnimation.from_frames([Frame(1.0, points, topology)], prim="/World/body")
+        verdict = verdict_on([mesh], key)
+        assert (verdict.verdict, verdict.recipient) == ("marked", "acme")
 
 
 def test_junk_in_most_frames_hides_nothing(key, marked) -> None:

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
 from meshmark.restraint import REACH, face_normals, mean_edge_lengths, restrain
-from meshmark.welding import Welding
+from meshmark.testing.meshes import icosphere, side_by_side
+from meshmark.welding import MOST_AROUND, Welding
 
 
 def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -78,3 +79,43 @@ def test_harmless_moves_are_left_alone() -> None:
     V, F = grid(5)
     moved = V + 0.05 * np.random.default_rng(1).uniform(-1, 1, size=V.shape)
     np.testing.assert_allclose(restrain(V, moved, F), moved, atol=1e-15)
+
+
+def fan(n: int) -> tuple[np.ndarray, np.ndarray]:
+    angle = np.linspace(0.0, 2 * np.pi, n, endpoint=False)
+    V = np.vstack([np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)]), [[0, 0, 1.0]]])
+    i = np.arange(n)
+    return V + 5.0, np.column_stack([i, (i + 1) % n, np.full(n, n)])
+
+
+@pytest.mark.parametrize("hung", [False, True])
+def test_a_vertex_in_which_too_many_triangles_meet_is_a_hole(hung) -> None:
+    ball, faces = icosphere(2)
+    V, F = side_by_side((ball, faces), fan(MOST_AROUND + 1))
+    if hung:
+        # Its middle is a vertex of the ball.
+        F = np.where(len(V) - 1 == F, 0, F)
+    welding = Welding.of(Frame(1.0, V, Topology.from_triangles(F, len(V))))
+    kept = np.arange(len(faces))
+    if hung:
+        kept = kept[~(faces == 0).any(axis=1)]
+    np.testing.assert_array_equal(welding.faces, kept)
+    V, F = side_by_side((ball, faces), fan(MOST_AROUND))
+    assert len(Welding.of(Frame(1.0, V, Topology.from_triangles(F, len(V)))).faces) == len(F)
+
+
+def test_a_polygon_of_too_many_corners_is_left_out() -> None:
+    ball, faces = icosphere(2)
+    n = 20_000
+    corners, _ = fan(n)
+    counts = np.append(np.full(len(faces), 3), n)
+    indices = np.append(faces.ravel(), len(ball) + np.arange(n))
+    V = np.concatenate([ball, corners[:n]])
+    welding = Welding.of(Frame(1.0, V, Topology(counts, indices, len(V))))
+    assert len(welding.faces) == len(faces)
+
+
+def test_nothing_but_crowded_corners_is_no_mesh() -> None:
+    V, F = fan(2 * MOST_AROUND)
+    with pytest.raises(CapacityError, match="meet in a corner of every face"):
+        Welding.of(Frame(1.0, V, Topology.from_triangles(F, len(V))))

@@ -56,8 +56,8 @@ def bin_norms(V: FloatArray, n_bins: int) -> NormBins:
     centre = V.mean(axis=0)
     norm = np.linalg.norm(V - centre, axis=1)
     low, high = norm.min(), norm.max()
-    spread = max(high - low, np.finfo(np.float64).tiny)
-    bins = np.clip(np.floor((norm - low) * (n_bins / spread)), 0, n_bins - 1).astype(np.int64)
+    scale = n_bins / (high - low) if high > low else 0.0
+    bins = np.clip(np.floor((norm - low) * scale), 0, n_bins - 1).astype(np.int64)
     lower, upper = np.full(n_bins, np.inf), np.full(n_bins, -np.inf)
     np.minimum.at(lower, bins, norm)
     np.maximum.at(upper, bins, norm)

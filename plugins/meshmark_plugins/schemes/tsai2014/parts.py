@@ -19,6 +19,9 @@ BoolArray = NDArray[np.bool_]
 # rings held still, the marked frame is cut where the original was: measured on two animals in
 # five poses, blind detection then finds what was embedded, where before it lost half of it.
 FIXED_RINGS = 2
+# Distances from every vertex of a part's cut to all of its vertices that are still computed: a
+# cut of a hundred vertices or two is usual, one of thousands is made to take for ever.
+MOST_DISTANCES = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,8 @@ def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
     labels : (F,) int
         Part of each triangle.
     fewest : int
-        Parts with fewer vertices inside are left out, as are parts without a cut.
+        Parts with fewer vertices inside are left out, as are parts without a cut, and those whose
+        cut has so many vertices that more than `MOST_DISTANCES` would have to be computed.
 
     Returns
     -------
@@ -75,7 +79,8 @@ def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
         if not touching.any():
             continue
         part = _part(F[labels == label], shared[touching])
-        if np.count_nonzero(part.inside) >= fewest:
+        distances = len(part.loop) * len(part.vertices)
+        if np.count_nonzero(part.inside) >= fewest and distances <= MOST_DISTANCES:
             parts.append(part)
     return tuple(parts)
 
