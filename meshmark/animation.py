@@ -214,6 +214,9 @@ class MeshAnimation:
     dtype : str
         Type of the source's coordinates: "float16", "float32" or "float64". Frames are
         float64 whatever it is; a copy is written in it.
+    rounding : float or None
+        What points are rounded to where they are stored, as a share of the diagonal; see
+        `meshmark.precision`. None where they are stored as they stand in world space.
     flaw : str
         What is wrong with faces that had to be left out: the mesh can be looked at, not marked.
     """
@@ -226,6 +229,7 @@ class MeshAnimation:
     notes: tuple[str, ...] = ()
     in_place: bool = True
     dtype: str = "float32"
+    rounding: float | None = None
     flaw: str = ""
 
     def __post_init__(self) -> None:

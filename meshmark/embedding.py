@@ -16,9 +16,11 @@ from meshmark.animation import Frame, MeshAnimation
 from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
+from meshmark.geometry import surface_box
 from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
 from meshmark.keys import Key
 from meshmark.parallel import ordered_map, sharing_workers
+from meshmark.precision import require_precision, rounding_of
 from meshmark.restraint import restrain
 from meshmark.scratch import DisplacedFrames, ScratchFile
 from meshmark.smoothing import smooth, umbrella
@@ -137,16 +139,19 @@ def embed_animation(
             prim=animation.prim,
         )
     chosen = tuple(range(len(animation))) if frames is None else frames
+    first = animation[chosen[0]]
     words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
-    scratch = ScratchFile.create(len(animation), animation[chosen[0]].topology.n_points)
+    scratch = ScratchFile.create(len(animation), first.topology.n_points)
     try:
+        doubts = require_precision(animation, first)
         work: MarkFrame | MarkPlanned
         with breakdown_means_no_capacity():
             if isinstance(scheme, JointScheme):
                 work = plan_jointly(animation.select(chosen), scheme, words, jobs)
             else:
                 generator = key.generator(f"embed/{scheme_name}")
-                plan = settle(animation[chosen[0]], scheme, words, generator)
+                rounding = rounding_of(animation, first)
+                plan = settle(first, scheme, words, generator, rounding)
                 work = MarkFrame(animation.select(chosen), plan)
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
@@ -155,7 +160,11 @@ def embed_animation(
         scratch.write(index, displacement)
         if progress is not None:
             progress(done, len(chosen))
-    marked = replace(animation, source=DisplacedFrames(animation.source, scratch))
+    marked = replace(
+        animation,
+        source=DisplacedFrames(animation.source, scratch),
+        notes=(*animation.notes, *doubts),
+    )
     return Embedded(marked, chosen, work.carriers)
 
 
@@ -222,22 +231,32 @@ class MarkFrame:
             return self.plan.welding.spread(mark(analysed, self.plan) - analysed.points)
 
 
-def settle(first: Frame, scheme: Scheme, words: IntArray, generator: np.random.Generator) -> Plan:
+def settle(
+    first: Frame, scheme: Scheme, words: IntArray, generator: np.random.Generator, rounding: float
+) -> Plan:
     """Find a layout of the first frame that its own marked version leads back to.
 
     Detection has the marked frame only. Where its layout differs from the one that was marked
     (a part's cut may shift by an edge), the mark is laid over that one instead, and so on;
     the layout under which blind detection does best is kept.
+
+    Parameters
+    ----------
+    rounding : float
+        What positions will be rounded to, as a share of the diagonal; see `meshmark.precision`.
     """
     welding = Welding.of(first)
     analysed = welding.frame(first)
+    step = rounding * surface_box(first.points, first.faces)[0]
     layout = scheme.layout(analysed)
     best: tuple[float, Plan] | None = None
     for _ in range(LAYOUT_ROUNDS):
         n_carriers = len(scheme.carriers(analysed, layout))
         targets = words[np.arange(n_carriers) % len(words)]
         plan = Plan(scheme, welding, layout, targets, generator)
-        marked = analysed.moved(drive(analysed, plan).astype(np.float32).astype(np.float64))
+        moves = drive(analysed, plan) - analysed.points
+        # What is stored is whole steps from where it was, wherever a transform takes it.
+        marked = analysed.moved(analysed.points + np.rint(moves / step) * step)
         known = _score(marked, scheme, layout, words)
         layout = scheme.layout(marked)
         blind = _score(marked, scheme, layout, words)

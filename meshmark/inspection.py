@@ -12,6 +12,7 @@ from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.interfaces import JointScheme
+from meshmark.precision import require_precision
 from meshmark.recipe import Recipe
 from meshmark.validation import bad_frames
 from meshmark.welding import Welding
@@ -64,6 +65,7 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         with breakdown_means_no_capacity():
             entry["parts"] = count_parts(first, recipe)
         _require_marking(animation, bad.values())
+        entry["notes"] += require_precision(animation, first)
         scheme = recipe.build()
         if isinstance(scheme, JointScheme):
             sound = animation.select([i for i in range(len(animation)) if i not in bad])

@@ -99,7 +99,7 @@ def test_the_loop_brings_every_chip_to_its_target_though_the_centre_moves() -> N
     V = V * (1 + 0.3 * rng.random(len(V)))[:, None] * [1.0, 1.2, 1.5]
     frame = Frame(1.0, V, Topology.from_triangles(F, len(V)))
     made = Cho2007(bits=16, strength=0.08)
-    plan = settle(frame, made, KEY.words("cho2007", 1, 16), KEY.generator("embed/cho2007"))
+    plan = settle(frame, made, KEY.words("cho2007", 1, 16), KEY.generator("embed/cho2007"), 1e-7)
     marked = frame.moved(drive(frame, plan))
     assert np.linalg.norm(marked.points.mean(axis=0) - V.mean(axis=0)) > 1e-6
     aimed = measure(made.carriers(marked, None)).value * plan.words

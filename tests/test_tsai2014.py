@@ -171,7 +171,7 @@ def test_a_move_shifts_the_mean_by_what_is_asked(tube_frame, sign) -> None:
 def test_the_closed_loop_reaches_every_target_and_spares_cut_and_farthest(tube_frame) -> None:
     made = scheme()
     words = KEY.words("tsai2014", 8, 16)
-    plan = settle(tube_frame, made, words, KEY.generator("test"))
+    plan = settle(tube_frame, made, words, KEY.generator("test"), 1e-7)
     points = drive(tube_frame, plan)
     chips = measure(made.carriers(tube_frame.moved(points), plan.layout))
     assert chips.held.all()

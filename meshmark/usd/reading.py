@@ -10,6 +10,7 @@ from pxr import Usd, UsdGeom
 from meshmark.agreement import agreed
 from meshmark.animation import Asset, Frame, LeftOut, MeshAnimation
 from meshmark.errors import InputError, UsageError
+from meshmark.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import local_points, sample_times, shapes
@@ -145,7 +146,7 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
     frames = StageFrames(source, path, tuple(times.tolist()), reference, strays)
     index, first = _first_readable(frames)
     with blamed(source, path):
-        dtype = local_points(prim, frames.times[index]).dtype.name
+        stored = local_points(prim, frames.times[index])
     flaw = first.topology.left_out
     return MeshAnimation(
         times=times,
@@ -155,7 +156,8 @@ def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
         origin=source,
         notes=(*said, flaw) if flaw else said,
         in_place=in_place,
-        dtype=dtype,
+        dtype=stored.dtype.name,
+        rounding=rounding(stored, first.faces),
         flaw=flaw,
     )
 
