@@ -122,7 +122,7 @@ def has_begun(studio: Path) -> bool:
 
 
 def assert_stopped(process: subprocess.Popen[str], name: str, studio: Path) -> None:
-    told = process.communicate(timeout=60)[1]
+    told = process.communicate(timeout=240)[1]
     assert told == f"error: stopped by {name}\n"
     assert process.returncode == 128 + getattr(signal, name)
     assert until(lambda: group_is_gone(process.pid))
