@@ -35,7 +35,7 @@ class Limits:
     """
 
     seconds: float = 15.0
-    memory: float = 4.0
+    memory: float = 2.0
     disk: float = 32.0
 
     @classmethod

@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -75,21 +76,23 @@ def _report(campaign: Campaign, indices: range, keep: Path | None) -> int:
     absorbed: Counter[str] = Counter()
     known: set[str] = set()
     start = time.monotonic()
-    for done, outcome in enumerate(campaign.run(indices), start=1):
-        given = campaign.make(outcome.index)
-        kinds[given.kind] += 1
-        codes.update(outcome.codes)
-        if not outcome.faults:
-            absorbed.update(f"{given.kind}: {fault}" for fault in outcome.at_first)
-        else:
-            wrong.update(f"{given.kind}: {fault}" for fault in outcome.faults)
-            signature = _signature(given, outcome)
-            print(f"input {outcome.index}: {signature}", flush=True)
-            if keep is not None and signature not in known:
-                _keep(campaign, given, outcome, keep)
-            known.add(signature)
-        if done % STEP == 0:
-            print(f"{done} inputs, {time.monotonic() - start:.0f} s, {dict(wrong)}", flush=True)
+    # What was counted until then is told, too.
+    with suppress(KeyboardInterrupt):
+        for done, outcome in enumerate(campaign.run(indices), start=1):
+            given = campaign.make(outcome.index)
+            kinds[given.kind] += 1
+            codes.update(outcome.codes)
+            if not outcome.faults:
+                absorbed.update(f"{given.kind}: {fault}" for fault in outcome.at_first)
+            else:
+                wrong.update(f"{given.kind}: {fault}" for fault in outcome.faults)
+                signature = _signature(given, outcome)
+                print(f"input {outcome.index}: {signature}", flush=True)
+                if keep is not None and signature not in known:
+                    _keep(campaign, given, outcome, keep)
+                known.add(signature)
+            if done % STEP == 0:
+                print(f"{done} inputs, {time.monotonic() - start:.0f} s, {dict(wrong)}", flush=True)
     print(f"{kinds.total()} inputs in {time.monotonic() - start:.0f} s: {_listed(kinds)}")
     print(f"{codes.total()} commands, exit codes: {_listed(codes)}")
     print(f"{absorbed.total()} faults within reading processes: {_listed(absorbed)}")
