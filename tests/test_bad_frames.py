@@ -37,8 +37,8 @@ BAD_POINTS = {
 BAD_INDICES = {
     "out of range": ([*CUBE_INDICES[:-1], 99999], "other faces"),
     "negative": ([*CUBE_INDICES[:-1], -1], "other faces"),
-    "too few": (CUBE_INDICES[:-1], "face counts ask for 24 corners"),
-    "none": ([], "face counts ask for 4 corners"),
+    "too few": (CUBE_INDICES[:-1], "23 faceVertexIndices, where 24 are expected"),
+    "none": ([], "0 faceVertexIndices, where 24 are expected"),
     "others": ([CUBE_INDICES[-1], *CUBE_INDICES[:-1]], "other faces"),
 }
 
