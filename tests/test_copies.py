@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.copies import Match, Shape, find_cloud, find_in_order
+from meshmark.clouds import find_cloud
+from meshmark.copies import Match, Shape, find_in_order
 from meshmark.testing.attacks import sphere
 from meshmark.testing.meshes import icosphere
 

@@ -135,7 +135,9 @@ def polygons(mesh: UsdGeom.Mesh, code: Usd.TimeCode) -> tuple[IntArray, IntArray
         If they do not fit each other; the caller adds where.
     """
     counts = integers(mesh.GetFaceVertexCountsAttr(), code)
-    return counts, integers(mesh.GetFaceVertexIndicesAttr(), code, size=int(counts.sum()))
+    # Integers would turn round: four times 2**62 is nothing at all.
+    size = int(counts.sum(dtype=np.float64))
+    return counts, integers(mesh.GetFaceVertexIndicesAttr(), code, size=size)
 
 
 def inside_out(prim: Usd.Prim, time: float) -> bool:
