@@ -115,6 +115,7 @@ def test_written_files_respect_the_umask(umask, tmp_path) -> None:
     assert sorted(tmp_path.iterdir()) == [key, path]
 
 
+@pytest.mark.slow
 def test_outputs_evidence_and_manifests_respect_the_umask(tmp_path, creature) -> None:
     from meshmark.animation import Asset
     from meshmark.attacking import write_attacked

@@ -190,6 +190,7 @@ def test_a_reader_led_astray(rogue, monkeypatch, scratch, deed) -> None:
     assert not list(scratch.iterdir())
 
 
+@pytest.mark.slow
 def test_a_long_animation_may_take_long(rogue, hasty) -> None:
     start = time.monotonic()
     asset = read_isolated(rogue("slow"))

@@ -43,6 +43,7 @@ def test_a_reader_that_has_gone_is_told_as_a_shell_does(tmp_path, name) -> None:
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.slow
 def test_the_verdict_stands_whoever_hears_of_it(tmp_path) -> None:
     """Exit code 3 of a missing source, with stderr full or closed, or both streams missing."""
     for streams in ("2> /dev/full", "2>&-", ">&- 2>&-", "2> /dev/full > /dev/full"):
