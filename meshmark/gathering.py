@@ -15,7 +15,7 @@ from meshmark.evidence import Evidence
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe, all_schemes
-from meshmark.timeline import frames_in, in_range
+from meshmark.timeline import frames_in, has_frame_in, in_range
 
 # Meshes that one remark is made of, by name.
 MOST_NAMED = 3
@@ -83,6 +83,8 @@ def gather(
     tried = tuple(recipes) or all_schemes()
     whole, beyond = in_range(whole, frames)
     wanted = candidates(whole) if parts else [Candidate(mesh) for mesh in whole.meshes]
+    # Groups of frames that agree with each other may lie beyond the range.
+    wanted = [candidate for candidate in wanted if has_frame_in(candidate.animation, frames)]
     survey = Survey(progress)
     items: list[Evidence] = []
     for recipe in tried:

@@ -45,6 +45,14 @@ def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     return tuple(int(i) for i in inside)
 
 
+def has_frame_in(animation: MeshAnimation, text: str | None) -> bool:
+    """Tell whether an animation has a frame in a range; see `frames_in`."""
+    try:
+        return len(frames_in(animation, text)) > 0
+    except UsageError:
+        return False
+
+
 def in_range(asset: Asset, text: str | None) -> tuple[Asset, tuple[LeftOut, ...]]:
     """Leave out the meshes of an asset that have no frame in a range; see `frames_in`.
 

@@ -177,6 +177,15 @@ def test_frames_that_cannot_be_read_are_named_and_passed_over(key, marked) -> No
         verdict_on([animation(points[[0, 2]], F)], key)
 
 
+@pytest.mark.parametrize("frames", ["1:3", "2:5:2", "5:"])
+def test_junk_beyond_the_frames_asked_for_is_none_of_the_answer(key, marked, frames) -> None:
+    V, F = marked
+    rng = np.random.default_rng(0)
+    points = [rng.permutation(V), V, V, rng.permutation(V), V, rng.permutation(V)]
+    verdict = verdict_on([animation(np.array(points), F)], key, frames=frames)
+    assert (verdict.verdict, verdict.recipient) == ("marked", "acme")
+
+
 def test_a_polygon_of_twenty_thousand_corners_hides_nothing(key, marked) -> None:
     V, F = marked
     n, rng = 20_000, np.random.default_rng(0)
