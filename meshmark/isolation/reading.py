@@ -137,7 +137,9 @@ def _goes_on(process: subprocess.Popen[bytes], seconds: float) -> bool:
     """Wait until a process ends; tell whether it got on all the time."""
     assert process.stdout is not None
     said: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    listener = threading.Thread(target=_listen, args=(process.stdout.fileno(), said), daemon=True)
+    # A descriptor of its own: whoever is told to stop closes the other one at any moment.
+    descriptor = os.dup(process.stdout.fileno())
+    listener = threading.Thread(target=_listen, args=(descriptor, said), daemon=True)
     listener.start()
     patience = max(seconds, TO_START)
     try:
@@ -147,18 +149,17 @@ def _goes_on(process: subprocess.Popen[bytes], seconds: float) -> bool:
     except (queue.Empty, subprocess.TimeoutExpired):
         return False
     finally:
-        # Nobody reads any more when the pipe is closed.
+        # What is written by then is read, and nobody reads any more.
         process.kill()
         listener.join()
     return True
 
 
 def _listen(descriptor: int, said: queue.SimpleQueue[bytes]) -> None:
-    while True:
-        some = os.read(descriptor, 1 << 16)
-        said.put(some)
-        if not some:
-            return
+    with open(descriptor, "rb", buffering=0) as pipe:
+        while some := pipe.read(1 << 16):
+            said.put(some)
+    said.put(b"")
 
 
 def _death(code: int, folder: Path, source: str) -> str:
