@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.animation import Frame
 from meshmark.errors import MeshmarkError
+from meshmark.mesh.animation import Frame
 from meshmark.unmarked import split_fit
 from meshmark.usd.checking import check_stage
 from meshmark.usd.delivery import write_flattened

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from meshmark.version import __version__
 
 if TYPE_CHECKING:
-    from meshmark.animation import Asset, Frame, MeshAnimation, Topology
     from meshmark.errors import (
         CapacityError,
         InputError,
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from meshmark.keys import Key
     from meshmark.manifest import Manifest
     from meshmark.marking import MarkedAsset, embed
+    from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
     from meshmark.publishing import mark_file
     from meshmark.recipe import Recipe
     from meshmark.sources import read, write
@@ -64,7 +64,7 @@ __all__ = [
 # Where names are, for when they are first asked for: numpy and scipy take half a second to import,
 # which those who ask for help or the version should not have to wait for.
 _HOMES = {
-    "animation": ("Asset", "Frame", "MeshAnimation", "Topology"),
+    "mesh.animation": ("Asset", "Frame", "MeshAnimation", "Topology"),
     "errors": (
         "CapacityError",
         "InputError",

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.candidates import Candidate
 from meshmark.carrier import Sighting, sighting_of
@@ -19,12 +18,13 @@ from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
 from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.welding import Welding
 from meshmark.parallel import ordered_map
 from meshmark.reference_frame import readable, reference_frame
 from meshmark.restoration import unsmooth
 from meshmark.spool import Made, Spool
 from meshmark.strand import Strand, in_steps
-from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]

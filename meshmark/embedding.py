@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
-from meshmark.geometry import surface_box
 from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
 from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.flip_guard import restrain
+from meshmark.mesh.geometry import surface_box
+from meshmark.mesh.precision import require_precision, rounding_of
+from meshmark.mesh.smoothing import smooth, umbrella
+from meshmark.mesh.topology import boundary_edges, edges
+from meshmark.mesh.welding import Welding
 from meshmark.parallel import ordered_map, sharing_workers
-from meshmark.precision import require_precision, rounding_of
-from meshmark.restraint import restrain
 from meshmark.scratch import DisplacedFrames, ScratchFile
-from meshmark.smoothing import smooth, umbrella
 from meshmark.statistics import log10_p_words
-from meshmark.topology import boundary_edges, edges
-from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -243,7 +243,8 @@ def settle(
     Parameters
     ----------
     rounding : float
-        What positions will be rounded to, as a share of the diagonal; see `meshmark.precision`.
+        What positions will be rounded to, as a share of the diagonal; see
+        `meshmark.mesh.precision`.
     """
     welding = Welding.of(first)
     analysed = welding.frame(first)

@@ -7,15 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.candidates import Candidate, candidates
 from meshmark.detection import Extraction
 from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
 from meshmark.marking import MeshProgress, as_asset
+from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe, all_schemes
-from meshmark.timeline import frames_in, has_frame_in, in_range
 
 # Meshes that one remark is made of, by name.
 MOST_NAMED = 3

@@ -127,7 +127,7 @@ def meshmark_segmenters() -> Iterable[SegmenterRecord]:  # type: ignore[empty-bo
     --------
     >>> import numpy as np
     >>> from meshmark.hookspecs import SegmenterRecord, hookimpl
-    >>> from meshmark.topology import face_components
+    >>> from meshmark.mesh.topology import face_components
     >>> class Components:
     ...     def segment(self, V, F):
     ...         return face_components(F)

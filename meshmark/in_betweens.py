@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import InputError
+from meshmark.mesh.animation import MeshAnimation
 
 # Farthest that a blend lies from the straight line between its neighbours, as a share of what
 # moves between them: well above rounding to float32, well below what bends in a real motion.

@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.carrier import Carrier, Sighting
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -187,7 +187,7 @@ class MarkingPlan(Protocol):
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index` of the planned animation.
 
-        No face may turn over: see `meshmark.restraint`.
+        No face may turn over: see `meshmark.mesh.flip_guard`.
         """
         ...
 

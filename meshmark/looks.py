@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.candidates import candidates
 from meshmark.detection import Extraction
 from meshmark.errors import InputError
@@ -16,6 +15,7 @@ from meshmark.evidence import Evidence
 from meshmark.gathering import Survey, extractions
 from meshmark.keys import Key
 from meshmark.marking import MeshProgress, as_asset
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe, all_schemes
 from meshmark.recipients import spellings

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.embedding import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
+from meshmark.mesh.checks import bad_frames
+from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
-from meshmark.timeline import frames_in, in_range
-from meshmark.validation import bad_frames
 
 MeshProgress = Callable[[str, int, int], None]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
 from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.plugins import Offer, catalogue
 from meshmark.recipe import SolverFactory
 from meshmark.testing.meshes import dumbbell

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from meshmark.animation import Asset
 from meshmark.errors import UsageError
 from meshmark.gathering import gather
 from meshmark.isolation.reading import read_isolated
@@ -18,6 +17,7 @@ from meshmark.keys import Key
 from meshmark.locks import held
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
+from meshmark.mesh.animation import Asset
 from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
 from meshmark.pairing import announced, output_hashes

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError
-from meshmark.geometry import lengths
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.geometry import lengths
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.open3d_door import load_open3d
+from meshmark.mesh.open3d_import import load_open3d
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -13,8 +13,8 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.animation import Frame
-from meshmark.smoothing import LAMBDA, polygon_umbrella
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.smoothing import LAMBDA, polygon_umbrella
 
 FloatArray = NDArray[np.float64]
 

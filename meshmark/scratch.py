@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, FrameSource
 from meshmark.errors import OutputError
+from meshmark.mesh.animation import Frame, FrameSource
 from meshmark.temporary import TemporaryFolder, no_room, shared_folder
 
 FloatArray = NDArray[np.float64]

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Asset, Frame
 from meshmark.errors import UsageError
 from meshmark.interfaces import Segmenter
+from meshmark.mesh.animation import Asset, Frame
+from meshmark.mesh.frame_range import frames_in
+from meshmark.mesh.welding import Welding
 from meshmark.plugins import catalogue, make_segmenter
 from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES
-from meshmark.timeline import frames_in
-from meshmark.welding import Welding
 
 IntArray = NDArray[np.int64]
 Labels = Mapping[str, list[IntArray]]

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Asset
 from meshmark.errors import InputError, UsageError
 from meshmark.files import opened, require_no_device
+from meshmark.mesh.animation import Asset
 from meshmark.plugins import catalogue, make_reader
 
 if TYPE_CHECKING:

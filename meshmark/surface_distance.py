@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError
-from meshmark.geometry import surface_box
-from meshmark.surface import ClosestPoints, sample_surface
+from meshmark.mesh.closest_points import ClosestPoints, sample_surface
+from meshmark.mesh.geometry import surface_box
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import CapacityError, InputError
-from meshmark.geometry import face_areas
-from meshmark.validation import bad_frames, check
+from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
+from meshmark.mesh.checks import bad_frames, check
+from meshmark.mesh.geometry import face_areas
 
 # What is smaller than this, beside marked meshes, is worth nothing without them.
 CONSIDERABLE = 0.1

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from meshmark.animation import MeshAnimation
 from meshmark.demo import creature as build_creature
+from meshmark.mesh.animation import MeshAnimation
 
 # How long an example takes says something of the machine, not of what is tested.
 settings.register_profile("meshmark", deadline=None)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.errors import InputError
 from meshmark.hookspecs import ReaderRecord, hookimpl
+from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.testing.meshes import icosphere
 
 METADATA = "Metadata-Version: 2.1\nName: rogue\nVersion: 1.0\n"

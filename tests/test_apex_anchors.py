@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
-from meshmark.geometry import face_areas
+from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.geometry import face_areas
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import (
     bent_tube,

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshmark.geometry import unit, vertex_normals
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import unit, vertex_normals
 from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
 from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, vertex_weights

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.geometry import area_vectors, face_areas
+from meshmark.mesh.geometry import area_vectors, face_areas
+from meshmark.mesh.topology import boundary_edges
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import bent_tube, capsule, icosphere, plane
-from meshmark.topology import boundary_edges
 from meshmark_plugins.schemes.apex import radial
 from meshmark_plugins.schemes.apex.collar import RINGS, with_collar
 from meshmark_plugins.schemes.apex.radial import RadialDistances

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from meshmark.geometry import face_areas, vertex_areas
+from meshmark.mesh.geometry import face_areas, vertex_areas
 from meshmark.testing.meshes import bumpy_sphere, icosphere, plane, torus
 from meshmark_plugins.schemes.apex.energy import (
     GUARD,

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.animation import MeshAnimation
 from meshmark.demo import creature as build_creature
 from meshmark.errors import CapacityError, UsageError
-from meshmark.geometry import area_vectors
 from meshmark.keys import Key
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import area_vectors
 from meshmark.scratch import DOUBLE, ScratchFile
-from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
 from meshmark_plugins.schemes.apex.consensus import (

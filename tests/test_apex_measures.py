@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from meshmark.errors import CapacityError
-from meshmark.geometry import face_areas, vertex_areas
+from meshmark.mesh.geometry import face_areas, vertex_areas
+from meshmark.mesh.topology import boundary_edges
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import icosphere, plane, revolution, torus
-from meshmark.topology import boundary_edges
 from meshmark_plugins.geodesics.heat import HeatSolver
 from meshmark_plugins.schemes.apex.density import STEEPEST, cotangent_weights, stiffness, whitening
 from meshmark_plugins.schemes.apex.profile import CELLS, profiles_of, vertex_weights

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from meshmark.geometry import unit
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import unit
 from meshmark.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex import displacement as displacing

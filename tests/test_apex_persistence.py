@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.mesh.topology import edges
 from meshmark.testing.invariance import reordered
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark.topology import edges
 from meshmark_plugins.schemes.apex.persistence import persistent_maxima
 
 MESHES = [plane(5), icosphere(0), icosphere(1), torus(7, 5), plane(9)]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from meshmark.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import capsule, icosphere, side_by_side
 from meshmark_plugins.schemes.apex.layout import lay_out
 from meshmark_plugins.schemes.apex.pieces import reference_lengths, shared_length, split

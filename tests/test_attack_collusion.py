@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, Frame
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Asset, Frame
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark_plugins.attacks import RECORDS
 from meshmark_plugins.readers.obj_write import write_new

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.topology import face_components
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import icosphere, side_by_side
-from meshmark.topology import face_components
 from meshmark_plugins.attacks import RECORDS
 
 RECORD = {record.name: record for record in RECORDS}["cutting"]

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError
-from meshmark.geometry import face_areas
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import boundary_edges, edges, face_components, vertex_components
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import cylinder
-from meshmark.topology import boundary_edges, edges, face_components, vertex_components
 from meshmark_plugins.attacks import RECORDS
 
 RECORD = {record.name: record for record in RECORDS}["joining"]

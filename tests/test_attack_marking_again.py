@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import InputError
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.marking import embed
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import bumpy_sphere
 from meshmark.verification import verify

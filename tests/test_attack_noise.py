@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark_plugins.attacks import RECORDS, meshmark_attacks
 from meshmark_plugins.readers.obj import ObjFrames
 

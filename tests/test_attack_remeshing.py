@@ -5,11 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import InputError, PluginError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.topology import boundary_edges, edges
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
-from meshmark.topology import boundary_edges, edges
 from meshmark_plugins.attacks import RECORDS
 from meshmark_plugins.attacks.remeshing_sdf import marching_cubes
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.topology import edges
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
-from meshmark.topology import edges
 from meshmark_plugins.attacks import RECORDS
 from meshmark_plugins.attacks.carrying import nearest_distinct
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark.testing.meshes import plane

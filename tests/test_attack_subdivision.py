@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.topology import boundary_edges, edges
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
-from meshmark.topology import boundary_edges, edges
 from meshmark_plugins.attacks import RECORDS
 
 BY_NAME = {record.name: record for record in RECORDS}

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import attack_asset
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.plugins import make_attack
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS

@@ -11,18 +11,18 @@ import pytest
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, array, cube, read_one, write_text
 
 from meshmark import mark_file
-from meshmark.agreement import agreed
-from meshmark.animation import Asset, MeshAnimation, Topology
 from meshmark.errors import CapacityError, InputError
 from meshmark.inspection import inspect_asset
 from meshmark.keys import Key
 from meshmark.marking import embed
+from meshmark.mesh.animation import Asset, MeshAnimation, Topology
+from meshmark.mesh.checks import bad_frames, check
+from meshmark.mesh.frame_agreement import agreed
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.surface_distance import surface_distance
 from meshmark.testing.attacks import sphere
 from meshmark.usd.stages import write_stage
-from meshmark.validation import bad_frames, check
 from meshmark_plugins.readers.obj import ObjFrames
 
 KEY = Key(bytes(range(32)))

@@ -9,7 +9,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
 from meshmark.benchmarking.benchmark import benchmark_key
 from meshmark.benchmarking.cells import attack_mrms, describe
 from meshmark.benchmarking.command import command_of
@@ -23,6 +22,7 @@ from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.evidence import Evidence
 from meshmark.marking import as_asset
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.strand import Strand

@@ -11,13 +11,13 @@ import jsonschema
 import pytest
 
 import meshmark
-from meshmark.animation import Asset
 from meshmark.benchmarking import benchmark as module
 from meshmark.benchmarking.benchmark import run_benchmark
 from meshmark.benchmarking.suites import SUITES, Cell, Suite, cell_from_text
 from meshmark.cli import main
 from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
+from meshmark.mesh.animation import Asset
 from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.sources import write

@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.benchmarking.stages import StageClock
 from meshmark.benchmarking.store import Store, code_hash, identity_hash
 from meshmark.benchmarking.subjects import (
@@ -19,6 +18,7 @@ from meshmark.benchmarking.subjects import (
     subjects_of,
 )
 from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.plugins import catalogue
 from meshmark.testing.meshes import dumbbell
 

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, UsageError
 from meshmark.judging import judge
 from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.metrics import distortion
 from meshmark.plugins import make_attack
 from meshmark.sources import read

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.cli import main
 from meshmark.errors import CapacityError
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.attacks import sphere
 from meshmark_plugins.readers.obj_write import write_new
 

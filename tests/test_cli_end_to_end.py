@@ -13,10 +13,10 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from meshmark import read
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import write_attacked
 from meshmark.cli import main
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.plugins import make_reader
 from meshmark.resources import schema_folder
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.components import seams, sewn, surface_components
+from meshmark.mesh.components import seams, sewn, surface_components
+from meshmark.mesh.topology import face_components
 from meshmark.testing.meshes import capsule, icosphere, plane, side_by_side, torus
-from meshmark.topology import face_components
 
 TWO_TRIANGLES = np.array([[0, 1, 2], [1, 0, 3]])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from meshmark.deformation import Deformation
+from meshmark.mesh.deformation import Deformation
 from meshmark.testing.meshes import icosphere, plane, torus
 
 ROTATION = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()

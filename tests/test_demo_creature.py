@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import MeshAnimation
 from meshmark.demo import creature as build
 from meshmark.demo import write_creature
 from meshmark.demo.flesh import creature_flesh, field
@@ -15,7 +14,8 @@ from meshmark.demo.skeleton import creature_skeleton
 from meshmark.demo.skinning import skin, skin_weights
 from meshmark.demo.surface import is_closed_sphere, rest_mesh, sharpest_fold
 from meshmark.errors import OutputError, UsageError
-from meshmark.topology import edges, face_adjacency, triangulate, vertex_components
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.topology import edges, face_adjacency, triangulate, vertex_components
 
 SIDES = ("left", "right")
 

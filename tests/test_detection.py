@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
-from meshmark.animation import MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.looks import LOOKS, verify_in_looks
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.placement import Placement
 from meshmark.strand import in_steps
 from meshmark.testing.meshes import icosphere

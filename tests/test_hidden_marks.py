@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import meshmark
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.candidates import candidates
 from meshmark.errors import InputError
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.mesh.topology import face_adjacency
 from meshmark.recipe import Recipe
 from meshmark.testing.meshes import plane, side_by_side, torus
-from meshmark.topology import face_adjacency
 from meshmark.verdict import Verdict
 
 FAULTS = Path(__file__).parent / "faults"

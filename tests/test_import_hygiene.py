@@ -19,8 +19,8 @@ PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
 HEAVY = ("pxr", "open3d", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")
 # Half a second together, which --help has no use for.
 NUMERIC = ("numpy", "scipy", "cryptography")
-# The door is where open3d is imported, by name; nobody else does it.
-DOOR = CORE / "open3d_door.py"
+# This is where open3d is imported, by name; nobody else does it.
+DOOR = CORE / "mesh" / "open3d_import.py"
 
 
 def modules_of(folder: Path) -> list[Path]:

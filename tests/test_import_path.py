@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import write_attacked
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.meshes import icosphere
 
 REPOSITORY = Path(__file__).resolve().parent.parent

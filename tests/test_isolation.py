@@ -18,12 +18,12 @@ import pytest
 from rogue_reader import install
 from usd_stages import CUBE_POINTS, cube, sampled, write_text
 
-from meshmark.animation import Asset, Frame, MeshAnimation
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
 from meshmark.isolation import reading
 from meshmark.isolation.reading import read_isolated
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 from meshmark.sources import read, source_digests, texture_coordinates
 from meshmark.testing.meshes import icosphere
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, UsageError
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.metrics import (
     distortion,
     flipped_faces,

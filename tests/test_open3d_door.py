@@ -10,16 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from meshmark import open3d_door, system_libraries
+from meshmark import system_libraries
 from meshmark.errors import PluginError
+from meshmark.mesh import open3d_import
 from meshmark.system_libraries import LIBRARY_PACKAGES, missing_libraries, packages_of
 
 
 @pytest.fixture(autouse=True)
 def _door_not_opened_yet():
-    open3d_door.load_open3d.cache_clear()
+    open3d_import.load_open3d.cache_clear()
     yield
-    open3d_door.load_open3d.cache_clear()
+    open3d_import.load_open3d.cache_clear()
 
 
 def break_import(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
@@ -42,14 +43,14 @@ def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 
 
 def test_open3d_comes_through_the_door() -> None:
-    assert open3d_door.load_open3d().__name__ == "open3d"
+    assert open3d_import.load_open3d().__name__ == "open3d"
 
 
 def test_missing_library_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     hide(monkeypatch, "libusb-1.0.so.0", "libEGL.so.1")
     break_import(monkeypatch, ImportError("libusb-1.0.so.0: cannot open shared object file"))
     with pytest.raises(PluginError) as caught:
-        open3d_door.load_open3d()
+        open3d_import.load_open3d()
     assert "apt-get install libegl1 libusb-1.0-0" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -58,7 +59,7 @@ def test_missing_package_is_not_blamed_on_the_system(monkeypatch: pytest.MonkeyP
     hide(monkeypatch, "libEGL.so.1")
     break_import(monkeypatch, ModuleNotFoundError("No module named 'open3d'"))
     with pytest.raises(PluginError, match="No module named 'open3d'") as caught:
-        open3d_door.load_open3d()
+        open3d_import.load_open3d()
     assert "apt-get" not in str(caught.value)
 
 
@@ -66,7 +67,7 @@ def test_other_reasons_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     hide(monkeypatch)
     break_import(monkeypatch, ImportError("libstdc++.so.6: version `GLIBCXX_9' not found\nmore"))
     with pytest.raises(PluginError, match="GLIBCXX_9") as caught:
-        open3d_door.load_open3d()
+        open3d_import.load_open3d()
     assert "\n" not in str(caught.value)
 
 

@@ -10,9 +10,9 @@ import pytest
 from pxr import Sdf
 from usd_stages import cube, moved, write_text
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import write_attacked
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.outputs import check_output
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage

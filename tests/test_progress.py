@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import write_attacked
 from meshmark.cli import console, main
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.meshes import icosphere
 
 VERIFY = ("verify", "ball.usdc", "--key", "k", "--scheme", "cho2007", "--frames", ":")

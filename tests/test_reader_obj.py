@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import InputError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.attacks import bending_ball, sphere
 from meshmark.testing.readers import ReaderSuite
 from meshmark_plugins.readers import RECORDS

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.testing.attacks import sphere
 from meshmark.testing.readers import contents, shifted
 from meshmark_plugins.readers.obj import ObjFrames

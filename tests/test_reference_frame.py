@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.reference_frame import MOST_GROUPS, groups, readable, reference_frame
 from meshmark.testing.meshes import icosphere
 

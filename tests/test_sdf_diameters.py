@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.mesh.topology import face_adjacency
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import cylinder, icosphere, plane, side_by_side
 from meshmark.testing.segmenters import lopsided
-from meshmark.topology import face_adjacency
 from meshmark_plugins.segmenters.sdf import shape_diameter
 from meshmark_plugins.segmenters.sdf.diameter import cone
 

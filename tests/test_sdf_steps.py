@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.mesh.topology import face_components
 from meshmark.testing.meshes import icosphere, plane, side_by_side
 from meshmark.testing.segmenters import lopsided
-from meshmark.topology import face_components
 from meshmark_plugins.segmenters.sdf import SDFSegmenter
 from meshmark_plugins.segmenters.sdf.creases import cut_costs
 from meshmark_plugins.segmenters.sdf.cut import expand

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshmark.errors import InputError, UsageError
+from meshmark.mesh.topology import face_adjacency, face_components
 from meshmark.testing.meshes import dumbbell, icosphere, revolution
 from meshmark.testing.segmenters import SegmenterSuite, agreement, area_of, lopsided
-from meshmark.topology import face_adjacency, face_components
 from meshmark_plugins.segmenters import SDF_PARAMETERS, meshmark_segmenters
 from meshmark_plugins.segmenters.sdf import SDFSegmenter, shape_diameter
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from meshmark.animation import Asset
 from meshmark.attacking import write_attacked
 from meshmark.cli.stopping import Stopped, stopping
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and groups of processes")
 

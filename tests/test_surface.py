@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.surface import ClosestPoints, closest_in_triangle, sample_surface
+from meshmark.mesh.closest_points import ClosestPoints, closest_in_triangle, sample_surface
 from meshmark.testing.attacks import sphere
 
 TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])

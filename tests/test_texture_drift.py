@@ -9,10 +9,10 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
 from meshmark.keys import Key
 from meshmark.marking import as_asset
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.metrics import distortion, texture_drift
 from meshmark.publishing import mark_file
 from meshmark.recipe import Recipe

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.recipe import Recipe, recipe_from_text
-from meshmark.timeline import frames_in, in_range
 
 TRIANGLE = (np.eye(3), np.array([[0, 1, 2]]))
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.topology import (
+from meshmark.mesh.topology import (
     boundary_edges,
     edges,
     face_adjacency,

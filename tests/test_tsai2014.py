@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, InputError
 from meshmark.judging import judge
 from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.recipe import Recipe
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import smallest_loop, split

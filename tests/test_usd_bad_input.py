@@ -10,8 +10,8 @@ from pxr import Sdf
 from usd_stages import CUBE_POINTS, array, cube, read_one, sampled, write_text
 
 from meshmark.errors import InputError, UsageError
+from meshmark.mesh.checks import check
 from meshmark.usd.reading import read_stage
-from meshmark.validation import check
 
 
 def refused(source: str, capfd: pytest.CaptureFixture[str]) -> InputError:

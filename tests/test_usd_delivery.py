@@ -21,8 +21,8 @@ from usd_stages import (
     write_text,
 )
 
-from meshmark.animation import Asset
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.opening import stage_files
 from meshmark.usd.reading import read_stage

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from usd_stages import FRAMES, cube, digest, infinite, moved, sampled, write_text
 
-from meshmark.animation import Frame
 from meshmark.errors import MeshmarkError, OutputError, UsageError
+from meshmark.mesh.animation import Frame
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
 

@@ -10,8 +10,8 @@ import pytest
 from pxr import Usd, UsdGeom
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, infinite
 
-from meshmark.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.errors import OutputError
+from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
 

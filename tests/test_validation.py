@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError, NoExtentError
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.checks import bad_frames, check
 from meshmark.testing.attacks import sphere
-from meshmark.validation import bad_frames, check
 
 V, F = sphere(60)
 

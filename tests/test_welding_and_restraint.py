@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
-from meshmark.restraint import REACH, face_normals, mean_edge_lengths, restrain
+from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.flip_guard import REACH, face_normals, mean_edge_lengths, restrain
+from meshmark.mesh.welding import MOST_AROUND, Welding
 from meshmark.testing.meshes import icosphere, side_by_side
-from meshmark.welding import MOST_AROUND, Welding
 
 
 def grid(n: int) -> tuple[np.ndarray, np.ndarray]:

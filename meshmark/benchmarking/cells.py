@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.attacking import attack_asset
 from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
@@ -17,6 +16,7 @@ from meshmark.benchmarking.suites import NO_ATTACK, Cell
 from meshmark.gathering import gather
 from meshmark.json_values import number
 from meshmark.keys import Key
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe

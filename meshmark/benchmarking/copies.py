@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from meshmark.animation import Asset
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.keys import Key
 from meshmark.marking import embed
+from meshmark.mesh.animation import Asset
 from meshmark.outputs import complete
 from meshmark.recipe import Recipe
 from meshmark.sources import read, writer

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.animation import Asset, InMemoryFrames, MeshAnimation
 from meshmark.manifest import file_hashes
+from meshmark.mesh.animation import Asset, InMemoryFrames, MeshAnimation
+from meshmark.mesh.frame_range import frames_in
 from meshmark.sources import read, source_digests
-from meshmark.timeline import frames_in
 
 # Two frames this near each other count as one: RMS over the points, share of the diagonal.
 REPEATED = 1e-3

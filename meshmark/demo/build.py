@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.demo.flesh import creature_flesh
 from meshmark.demo.gait import joint_angles, root_shift
 from meshmark.demo.skeleton import creature_skeleton
 from meshmark.demo.skinning import skin, skin_weights
 from meshmark.demo.surface import rest_mesh
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 
 PRIM = "/Creature/Geom/body"
 FILE_NAME = "creature.usdc"

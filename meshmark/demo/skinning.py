@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from meshmark.demo.flesh import Capsule
 from meshmark.demo.skeleton import Skeleton
-from meshmark.topology import vertex_adjacency
+from meshmark.mesh.topology import vertex_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meshmark.demo.flesh import Capsule, cut_soles, field, reach, smooth_union
 from meshmark.demo.nets import dual_quads
 from meshmark.errors import UsageError
-from meshmark.topology import edges, face_adjacency, triangulate, vertex_adjacency
+from meshmark.mesh.topology import edges, face_adjacency, triangulate, vertex_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,8 +12,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, Topology
 from meshmark.errors import MeshmarkError
+from meshmark.mesh.animation import Frame, Topology
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

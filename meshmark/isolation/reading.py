@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from meshmark.animation import Asset
 from meshmark.errors import InputError
 from meshmark.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
 from meshmark.isolation.report import (
@@ -24,6 +23,7 @@ from meshmark.isolation.report import (
     asset_from,
     error_from,
 )
+from meshmark.mesh.animation import Asset
 from meshmark.sources import is_stage
 from meshmark.temporary import ScratchFolder
 

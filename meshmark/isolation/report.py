@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark import errors
-from meshmark.animation import Asset, MeshAnimation, Topology
 from meshmark.errors import MeshmarkError
 from meshmark.isolation.frames import (
     ArrayWriter,
@@ -26,6 +25,7 @@ from meshmark.isolation.frames import (
     read_integers,
     require_within,
 )
+from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.sources import texture_coordinates
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.deformation import Deformation
+from meshmark.mesh.deformation import Deformation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

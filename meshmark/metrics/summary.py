@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
 from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.texture import texture_drift

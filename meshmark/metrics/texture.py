@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark.surface import ClosestPoints, plane_weights
+from meshmark.mesh.closest_points import ClosestPoints, plane_weights
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -19,9 +19,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError, UsageError
 from meshmark.hookspecs import Attack, AttackRecord
+from meshmark.mesh.animation import Frame, MeshAnimation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

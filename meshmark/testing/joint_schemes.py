@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.carrier import Sighting
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation, plan_jointly
@@ -27,12 +26,13 @@ from meshmark.errors import CapacityError
 from meshmark.hookspecs import SchemeRecord
 from meshmark.interfaces import JointScheme
 from meshmark.judging import judge
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.welding import Welding
 from meshmark.metrics.faces import flipped_faces
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, plane
 from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.schemes import KEY, NAME, OTHER, rounded
-from meshmark.welding import Welding
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

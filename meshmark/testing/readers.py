@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark.animation import Asset, Frame
 from meshmark.errors import InputError, OutputError
 from meshmark.hookspecs import Reader, ReaderRecord
+from meshmark.mesh.animation import Asset, Frame
 
 
 class ReaderSuite:

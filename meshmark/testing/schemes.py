@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.carrier import Carrier, Chips, measure
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation
@@ -24,6 +23,7 @@ from meshmark.errors import CapacityError
 from meshmark.hookspecs import Scheme, SchemeRecord
 from meshmark.judging import judge
 from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.segmenters import lopsided

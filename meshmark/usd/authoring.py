@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.usd.frames import blamed
 from meshmark.usd.geometry import (
     local_points,

@@ -8,8 +8,8 @@ from typing import Any
 
 from pxr import Usd
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.places import assets_folder
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, Vt
 
-from meshmark.animation import Topology
 from meshmark.errors import InputError
-from meshmark.mesh_arrays import require_measurable
+from meshmark.mesh.animation import Topology
+from meshmark.mesh.arrays import require_measurable
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]

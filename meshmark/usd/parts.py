@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.usd.layers import StreamedLayer, new_layer
 from meshmark.usd.opening import open_stage
 from meshmark.usd.overlay import lay_over

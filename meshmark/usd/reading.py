@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from pxr import Usd, UsdGeom
 
-from meshmark.agreement import agreed
-from meshmark.animation import Asset, Frame, LeftOut, MeshAnimation
 from meshmark.errors import InputError, UsageError
-from meshmark.precision import rounding
+from meshmark.mesh.animation import Asset, Frame, LeftOut, MeshAnimation
+from meshmark.mesh.frame_agreement import agreed
+from meshmark.mesh.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import local_points, sample_times, shapes
@@ -39,7 +39,7 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     Of the frames only the faces and the number of points are looked at now, and one frame that can
     be read; the others when they are asked for. Where almost all have the same faces, those that
     do not are bad frames, which raise when they are asked for, as do frames that cannot be read;
-    see `meshmark.validation.bad_frames`. Faces that are none are left out with a note.
+    see `meshmark.mesh.checks.bad_frames`. Faces that are none are left out with a note.
 
     Parameters
     ----------

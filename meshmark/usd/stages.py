@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Tf, UsdGeom
 
-from meshmark.animation import Asset, MeshAnimation, Topology
 from meshmark.errors import OutputError
+from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
 
 NAMELESS = "Mesh"

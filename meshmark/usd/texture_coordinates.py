@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from meshmark.topology import triangulate
+from meshmark.mesh.topology import triangulate
 from meshmark.usd.frames import blamed
 from meshmark.usd.geometry import (
     backwards,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pxr import Usd
 
-from meshmark.animation import Asset, MeshAnimation
 from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.usd.authoring import author_marked_points
 from meshmark.usd.layers import new_layer
 from meshmark.usd.opening import open_stage

@@ -7,7 +7,7 @@ import numpy as np
 
 from meshmark.errors import UsageError
 from meshmark.hookspecs import SegmenterRecord, hookimpl
-from meshmark.topology import face_components
+from meshmark.mesh.topology import face_components
 
 
 @dataclass(frozen=True)

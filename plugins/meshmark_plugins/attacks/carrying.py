@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from meshmark.animation import Frame, MeshAnimation, Topology
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.closest_points import ClosestPoints
 from meshmark_plugins.attacks.frames import (
     CombinePoints,
     KeepPoints,

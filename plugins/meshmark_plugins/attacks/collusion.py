@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.animation import Frame, FrameSource, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
 from meshmark.sources import read
 from meshmark_plugins.attacks.parameters import choice
 

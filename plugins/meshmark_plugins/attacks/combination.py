@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
 from meshmark.interfaces import Attack
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.plugins import catalogue, check_parameters
 
 

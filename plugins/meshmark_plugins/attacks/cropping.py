@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark_plugins.attacks.frames import (
     PER,
     KeepPoints,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from meshmark.animation import Frame, MeshAnimation, Topology
-from meshmark.geometry import unit
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.geometry import unit
 from meshmark_plugins.attacks.frames import mean_radius, require_trajectories
 from meshmark_plugins.attacks.parameters import number, whole
 from meshmark_plugins.attacks.polygons import neighbours

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
 from meshmark_plugins.attacks.parameters import number
 
 

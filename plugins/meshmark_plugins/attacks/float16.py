@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark_plugins.attacks.frames import treat_frames
 
 

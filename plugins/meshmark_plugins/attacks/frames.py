@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.animation import Frame, FrameSource, MeshAnimation, Topology
 from meshmark.errors import MeshmarkError, UsageError
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation, Topology
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.animation import Frame, MeshAnimation
-from meshmark.geometry import lengths, unit
-from meshmark.surface import ClosestPoints
-from meshmark.topology import polygon_edges
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import lengths, unit
+from meshmark.mesh.topology import polygon_edges
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER, CombinePoints, treat_frames
 from meshmark_plugins.attacks.parameters import choice, number

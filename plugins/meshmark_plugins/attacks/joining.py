@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError
-from meshmark.geometry import face_areas, unit
-from meshmark.topology import polygon_edges
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.geometry import face_areas, unit
+from meshmark.mesh.topology import polygon_edges
 from meshmark_plugins.attacks.frames import naming, require_trajectories
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.polygons import join, neighbours

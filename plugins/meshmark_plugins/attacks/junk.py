@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.animation import Frame, FrameSource, MeshAnimation
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
 from meshmark_plugins.attacks.frames import draw_seed
 from meshmark_plugins.attacks.parameters import choice, number
 

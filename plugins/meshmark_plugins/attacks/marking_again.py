@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
 from meshmark.embedding import embed_animation
 from meshmark.errors import CapacityError
 from meshmark.keys import KEY_BYTES, Key
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.recipe import Recipe
 from meshmark.scratch import DisplacedFrames, ScratchFile
 from meshmark_plugins.attacks.parameters import whole

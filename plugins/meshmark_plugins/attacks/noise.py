@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark_plugins.attacks.frames import (
     PER,
     mean_radius,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Topology
 from meshmark.errors import InputError
-from meshmark.topology import face_adjacency
+from meshmark.mesh.animation import Topology
+from meshmark.mesh.topology import face_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

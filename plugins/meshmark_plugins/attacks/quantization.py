@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole
 

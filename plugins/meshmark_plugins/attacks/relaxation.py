@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
-from meshmark.smoothing import polygon_umbrella
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.smoothing import polygon_umbrella
 from meshmark_plugins.attacks.parameters import number, whole
 from meshmark_plugins.attacks.sliding import slide, tangential
 

@@ -7,9 +7,9 @@ from importlib import import_module
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, PluginError
-from meshmark.topology import edges
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.topology import edges
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number, whole

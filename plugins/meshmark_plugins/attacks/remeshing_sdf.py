@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation, Topology
 from meshmark.errors import InputError
-from meshmark.open3d_door import load_open3d
-from meshmark.topology import boundary_edges, edges, weld
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.open3d_import import load_open3d
+from meshmark.mesh.topology import boundary_edges, edges, weld
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, FrameSource, MeshAnimation
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
 
 FloatArray = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation, Topology
-from meshmark.open3d_door import load_open3d
+from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.open3d_import import load_open3d
 from meshmark_plugins.attacks.carrying import carry_by_vertices, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number

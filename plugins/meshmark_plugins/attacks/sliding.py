@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import vertex_normals
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import vertex_normals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

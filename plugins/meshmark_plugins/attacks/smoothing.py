@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
-from meshmark.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark_plugins.attacks.parameters import choice, number, whole
 
 # Where Taubin's filter lets half of the signal pass, in eigenvalues of the umbrella operator.

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.animation import MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import MeshAnimation
 from meshmark_plugins.attacks.frames import require_trajectories
 from meshmark_plugins.attacks.parameters import flag, number
 from meshmark_plugins.attacks.retiming import RetimedFrames, interpolate

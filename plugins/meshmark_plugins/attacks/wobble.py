@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
-from meshmark.geometry import unit
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.geometry import unit
 from meshmark_plugins.attacks.frames import PER, mean_radius, treat_frames
 from meshmark_plugins.attacks.parameters import choice, number, whole
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.topology import vertex_components
+from meshmark.mesh.topology import vertex_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

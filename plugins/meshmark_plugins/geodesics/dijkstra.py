@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from meshmark.mesh_arrays import mesh_arrays
-from meshmark.topology import edges
+from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.topology import edges
 from meshmark_plugins.geodesics.sources import source_indices
 
 FloatArray = NDArray[np.float64]

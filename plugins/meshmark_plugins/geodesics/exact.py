@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from meshmark.errors import InputError
-from meshmark.mesh_arrays import mesh_arrays
+from meshmark.mesh.arrays import mesh_arrays
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.agreement import agreed
-from meshmark.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.files import opened
+from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.mesh.frame_agreement import agreed
 from meshmark_plugins.readers.obj_files import find_frames, looks_like_frames
 from meshmark_plugins.readers.obj_text import ObjText
 from meshmark_plugins.readers.obj_write import write_marked, write_new

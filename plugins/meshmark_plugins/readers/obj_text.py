@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Topology
 from meshmark.errors import InputError
-from meshmark.mesh_arrays import measurable
+from meshmark.mesh.animation import Topology
+from meshmark.mesh.arrays import measurable
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

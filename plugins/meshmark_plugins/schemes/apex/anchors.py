@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from meshmark.geometry import vertex_areas
-from meshmark.topology import boundary_edges, vertex_adjacency
+from meshmark.mesh.geometry import vertex_areas
+from meshmark.mesh.topology import boundary_edges, vertex_adjacency
 from meshmark_plugins.schemes.apex.persistence import Maxima, persistent_maxima
 from meshmark_plugins.schemes.apex.radial import RadialDistances
 

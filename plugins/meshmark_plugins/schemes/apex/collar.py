@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from meshmark.geometry import lengths, sum_at_corners, unit
-from meshmark.topology import boundary_edges
+from meshmark.mesh.geometry import lengths, sum_at_corners, unit
+from meshmark.mesh.topology import boundary_edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

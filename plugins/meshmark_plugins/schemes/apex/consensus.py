@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from meshmark.animation import MeshAnimation, Topology
 from meshmark.errors import CapacityError
-from meshmark.geometry import face_areas
+from meshmark.mesh.animation import MeshAnimation, Topology
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.parallel import ordered_map
-from meshmark.smoothing import polygon_umbrella, smooth
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
 from meshmark_plugins.schemes.apex.survey import look
 

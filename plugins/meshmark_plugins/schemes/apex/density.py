@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.geometry import lengths, vertex_areas
+from meshmark.mesh.geometry import lengths, vertex_areas
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 
 FloatArray = NDArray[np.float64]

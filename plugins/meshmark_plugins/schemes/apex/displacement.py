@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, diags_array, vstack
 
-from meshmark.geometry import lengths
+from meshmark.mesh.geometry import lengths
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.energy import Energy, WeightedEnergy
 

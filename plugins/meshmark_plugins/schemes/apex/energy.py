@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix
 
-from meshmark.geometry import vertex_areas
+from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.sliding import Sliding
 from meshmark_plugins.schemes.apex.stretching import Stretching, stretching_cost
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.geometry import lengths
-from meshmark.restraint import face_normals
-from meshmark.topology import vertex_adjacency
+from meshmark.mesh.flip_guard import face_normals
+from meshmark.mesh.geometry import lengths
+from meshmark.mesh.topology import vertex_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

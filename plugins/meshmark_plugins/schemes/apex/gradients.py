@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
-from meshmark.geometry import area_vectors, lengths, sum_at_corners, unit
+from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
 from meshmark_plugins.schemes.apex.survey import Neighbourhood
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.parallel import ordered_map
 from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.topology import edges
+from meshmark.mesh.topology import edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import face_areas
-from meshmark.topology import boundary_edges, face_components
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import boundary_edges, face_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

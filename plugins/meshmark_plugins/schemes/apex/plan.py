@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import CapacityError
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.flip_guard import restrain
 from meshmark.parallel import Workers, ordered_map
-from meshmark.restraint import restrain
 from meshmark.scratch import ScratchFile
-from meshmark.surface import ClosestPoints
 from meshmark.surface_distance import surface_distance
 from meshmark_plugins.schemes.apex.chain import solve_keys
 from meshmark_plugins.schemes.apex.consensus import Sightings, anchors_in_poses, lasting_anchors

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array, vstack
 
-from meshmark.animation import MeshAnimation
-from meshmark.deformation import Deformation
-from meshmark.geometry import face_areas
-from meshmark.restraint import allowed_shares
-from meshmark.surface import ClosestPoints
-from meshmark.topology import face_components
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.deformation import Deformation
+from meshmark.mesh.flip_guard import allowed_shares
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import face_components
 from meshmark_plugins.schemes.apex.displacement import Demand
 from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
 from meshmark_plugins.schemes.apex.layout import Layout

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import face_areas
-from meshmark.topology import boundary_edges
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import boundary_edges
 from meshmark_plugins.schemes.apex.density import whitening
 from meshmark_plugins.schemes.apex.survey import Neighbourhood
 

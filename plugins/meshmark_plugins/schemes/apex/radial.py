@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import CapacityError
-from meshmark.geometry import face_areas, lengths
-from meshmark.topology import edges
+from meshmark.mesh.geometry import face_areas, lengths
+from meshmark.mesh.topology import edges
 from meshmark_plugins.schemes.apex.collar import with_collar
 
 FloatArray = NDArray[np.float64]

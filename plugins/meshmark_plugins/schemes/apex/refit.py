@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.geometry import area_vectors, lengths, unit, vertex_normals
-from meshmark.surface import ClosestPoints
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.geometry import area_vectors, lengths, unit, vertex_normals
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 
 FloatArray = NDArray[np.float64]

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.carrier import Sighting
 from meshmark.interfaces import GeodesicSolver, Segmenter
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.placement import Placement
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
 from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN, Sightings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import area_vectors, lengths, sum_at_corners, unit
+from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.geometry import face_areas
+from meshmark.mesh.geometry import face_areas
 from meshmark_plugins.schemes.apex.density import stiffness
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import CapacityError
-from meshmark.geometry import vertex_areas
+from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors import find_anchors
 from meshmark_plugins.schemes.apex.persistence import Maxima
 from meshmark_plugins.schemes.apex.pieces import Piece, reference_lengths, split

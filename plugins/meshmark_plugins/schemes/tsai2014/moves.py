@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.restraint import face_normals
+from meshmark.mesh.flip_guard import face_normals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from meshmark.topology import edges, face_adjacency
+from meshmark.mesh.topology import edges, face_adjacency
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

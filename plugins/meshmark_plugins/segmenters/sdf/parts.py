@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from meshmark.topology import face_components
+from meshmark.mesh.topology import face_components
 from meshmark_plugins.segmenters.sdf.dual import DualGraph
 
 FloatArray = NDArray[np.float64]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import InputError, NoExtentError
-from meshmark.geometry import face_areas, surface_box
-from meshmark.mesh_arrays import require_measurable
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.arrays import require_measurable
+from meshmark.mesh.geometry import face_areas, surface_box
 
 # Share of the squared diagonal below which a surface has no area: it is a point, or a line.
 NO_AREA = 1e-12

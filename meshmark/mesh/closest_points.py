@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import lengths
-from meshmark.open3d_door import load_open3d
+from meshmark.mesh.geometry import lengths
+from meshmark.mesh.open3d_import import load_open3d
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

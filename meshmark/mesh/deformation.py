@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.geometry import lengths
-from meshmark.topology import edges
+from meshmark.mesh.geometry import lengths
+from meshmark.mesh.topology import edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

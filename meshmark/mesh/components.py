@@ -10,8 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from meshmark.geometry import lengths, unit
-from meshmark.topology import boundary_edges, edges
+from meshmark.mesh.geometry import lengths, unit
+from meshmark.mesh.topology import boundary_edges, edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

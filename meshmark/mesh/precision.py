@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, MeshAnimation
 from meshmark.errors import CapacityError
-from meshmark.geometry import surface_box
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.geometry import surface_box
 
 IntArray = NDArray[np.int64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.animation import Topology
-from meshmark.topology import polygon_edges
+from meshmark.mesh.animation import Topology
+from meshmark.mesh.topology import polygon_edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

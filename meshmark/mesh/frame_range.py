@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from meshmark.animation import Asset, LeftOut, MeshAnimation
 from meshmark.errors import UsageError
+from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
 
 # Stands for "as many frames as it takes".
 AUTO = "auto"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.animation import Frame, Topology
 from meshmark.errors import CapacityError
-from meshmark.topology import any_corner, weld
+from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.topology import any_corner, weld
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.geometry import lengths
-from meshmark.topology import any_corner, edges
+from meshmark.mesh.geometry import lengths
+from meshmark.mesh.topology import any_corner, edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

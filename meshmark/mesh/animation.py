@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
-from meshmark.topology import triangulate
+from meshmark.mesh.topology import triangulate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -71,7 +71,7 @@ class Topology:
         """Build a topology of those polygons that are any, if there are some.
 
         One bad index in a copy must not keep the rest of it from being looked at. What was left
-        out is told in `left_out`; `meshmark.validation.check` refuses it.
+        out is told in `left_out`; `meshmark.mesh.checks.check` refuses it.
         """
         try:
             return cls(counts, indices, n_points)
@@ -216,7 +216,7 @@ class MeshAnimation:
         float64 whatever it is; a copy is written in it.
     rounding : float or None
         What points are rounded to where they are stored, as a share of the diagonal; see
-        `meshmark.precision`. None where they are stored as they stand in world space.
+        `meshmark.mesh.precision`. None where they are stored as they stand in world space.
     flaw : str
         What is wrong with faces that had to be left out: the mesh can be looked at, not marked.
     """

@@ -1,0 +1,1 @@
+"""Arrays and surfaces: animations, triangles, and what is measured on them."""
