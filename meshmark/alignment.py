@@ -12,8 +12,8 @@ from scipy.spatial.distance import cdist
 
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
-from meshmark.placement import Placement
 from meshmark.spool import Made
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import FrameEvidence
 
 FloatArray = NDArray[np.float64]

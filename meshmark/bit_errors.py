@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from meshmark.evidence import Evidence
-from meshmark.placement import WINDOW, Placement
-from meshmark.statistics import reading_promises
+from meshmark.statistics.p_values import reading_promises
+from meshmark.statistics.word_windows import WINDOW, Placement
 from meshmark.strand import STEPS
 
 FloatArray = NDArray[np.float64]

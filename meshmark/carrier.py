@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.placement import Placement
+from meshmark.statistics.word_windows import Placement
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -26,7 +26,7 @@ from meshmark.mesh.topology import boundary_edges, edges
 from meshmark.mesh.welding import Welding
 from meshmark.parallel import ordered_map, sharing_workers
 from meshmark.scratch import DisplacedFrames, ScratchFile
-from meshmark.statistics import log10_p_words
+from meshmark.statistics.p_values import log10_p_words
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.keys import Key
-from meshmark.statistics import reachable_log10_p
+from meshmark.statistics.p_values import reachable_log10_p
 from meshmark.strand import Strand
 
 FloatArray = NDArray[np.float64]

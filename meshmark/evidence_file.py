@@ -28,9 +28,9 @@ from meshmark.evidence_header import (
     header_text,
     parse_header,
 )
-from meshmark.placement import Placement
 from meshmark.sealing import sealed, unsealed
 from meshmark.spool import Made, Spool
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import STEPS, FrameEvidence, Strand
 
 FORMAT = "meshmark-evidence-3"

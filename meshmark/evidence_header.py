@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
 from meshmark.evidence import Evidence
-from meshmark.placement import WINDOW
+from meshmark.statistics.word_windows import WINDOW
 
 Thing = TypeVar("Thing")
 

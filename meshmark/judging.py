@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from meshmark.bit_errors import BitErrors, bit_errors
 from meshmark.evidence import Evidence
 from meshmark.keys import Key
-from meshmark.statistics import log10_p_words, word_log_e_means
+from meshmark.statistics.p_values import log10_p_words, word_log_e_means
 
 FloatArray = NDArray[np.float64]
 SignArray = NDArray[np.signedinteger[Any]]

@@ -8,7 +8,7 @@ import pytest
 from meshmark.alignment import Aligned, aligned, by_looks, by_place, in_order
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
-from meshmark.placement import Placement
+from meshmark.statistics.word_windows import Placement
 
 RNG = np.random.default_rng(0)
 SOFT = RNG.uniform(-1, 1, size=(2, 3, 8))

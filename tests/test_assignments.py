@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from meshmark.assignments import FALSE_CARRIER, ORDERLINESS, mean_over_assignments
-from meshmark.statistics import word_log_e
+from meshmark.statistics.assignments import FALSE_CARRIER, ORDERLINESS, mean_over_assignments
+from meshmark.statistics.p_values import word_log_e
 
 
 def injections(C: int, G: int) -> list[tuple[int | None, ...]]:

@@ -18,7 +18,7 @@ from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.looks import LOOKS, verify_in_looks
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.placement import Placement
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import in_steps
 from meshmark.testing.meshes import icosphere
 from meshmark.verification import verify

@@ -11,8 +11,8 @@ from meshmark.carrier import Carrier, measure, sighting_of
 from meshmark.evidence import Evidence
 from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
-from meshmark.placement import Placement
-from meshmark.statistics import word_log_e_means
+from meshmark.statistics.p_values import word_log_e_means
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import STEPS, Strand
 from meshmark.verdict import decide, shares
 

@@ -20,7 +20,7 @@ from meshmark.evidence_file import KIND, StoredEvidence, load_evidence, save_evi
 from meshmark.evidence_header import EXPANSION, FRAMES, LONGEST
 from meshmark.gathering import AssetEvidence
 from meshmark.keys import Key
-from meshmark.placement import Placement
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import Strand
 from meshmark.verification import judge_all
 

@@ -7,9 +7,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from meshmark import placed_words
-from meshmark.placement import SHIFT_BELIEF, SHIFTS, WINDOW, Placement, Windows, together
-from meshmark.statistics import log10_p_words, reachable_log10_p, word_log_e_means
+from meshmark.statistics import placed_words
+from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
+from meshmark.statistics.word_windows import (
+    SHIFT_BELIEF,
+    SHIFTS,
+    WINDOW,
+    Placement,
+    Windows,
+    together,
+)
 
 M = 20
 

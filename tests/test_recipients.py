@@ -9,8 +9,8 @@ from meshmark.errors import InputError, UsageError
 from meshmark.evidence import Evidence
 from meshmark.gathering import AssetEvidence
 from meshmark.keys import Key
-from meshmark.placement import Placement
 from meshmark.recipients import LONGEST, name_or_file, read_names, recipient_name, spellings
+from meshmark.statistics.word_windows import Placement
 from meshmark.strand import Strand
 from meshmark.verdict import decide
 from meshmark.verification import judge_all

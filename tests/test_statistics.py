@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from meshmark.statistics import (
+from meshmark.statistics.p_values import (
     exact_log10_p,
     hoeffding_log10_p,
     log10_p_words,

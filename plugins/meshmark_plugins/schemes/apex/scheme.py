@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshmark.carrier import Sighting
 from meshmark.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.placement import Placement
+from meshmark.statistics.word_windows import Placement
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
 from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN, Sightings
 from meshmark_plugins.schemes.apex.pieces import shared_length

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from meshmark.evalues import LOST, PROMISING, TILTS, e_values, most_promising
-from meshmark.placement import SHIFT_BELIEF, Windows
+from meshmark.statistics.e_values import LOST, PROMISING, TILTS, e_values, most_promising
+from meshmark.statistics.word_windows import SHIFT_BELIEF, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from meshmark.assignments import mean_over_assignments
-from meshmark.evalues import LOST, TILTS, e_values, log_cosh, most_promising
-from meshmark.placed_words import mean_of_placed, promises
-from meshmark.placement import SHIFT_BELIEF, WINDOW, Placement, Windows
+from meshmark.statistics.assignments import mean_over_assignments
+from meshmark.statistics.e_values import LOST, TILTS, e_values, log_cosh, most_promising
+from meshmark.statistics.placed_words import mean_of_placed, promises
+from meshmark.statistics.word_windows import SHIFT_BELIEF, WINDOW, Placement, Windows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

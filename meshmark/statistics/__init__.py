@@ -1,0 +1,1 @@
+"""Pure numbers: e-values, p-values, and sums over assignments of words."""
