@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from meshmark.errors import UsageError
+from meshmark.files.places import require_apart
 from meshmark.interfaces import Attack
 from meshmark.mesh.animation import Asset
-from meshmark.places import require_apart
 from meshmark.plugins import catalogue, make_attack, make_reader
 from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES, files_in_reach

@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, OutputError
-from meshmark.files import read_small, write_private
+from meshmark.files.atomic import read_small, write_private
 
 KEY_BYTES = 32
 _HEADER = "meshmark-key-1"

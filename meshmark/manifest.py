@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshmark.files import written_beside
+from meshmark.files.atomic import written_beside
 
 MANIFEST_SUFFIX = ".meshmark.json"
 FORMAT = 1

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from meshmark.errors import OutputError, UsageError
+from meshmark.files.places import assets_folder, require_apart, require_names_fit
 from meshmark.manifest import manifest_path
 from meshmark.marking import MarkedAsset
 from meshmark.mesh.animation import Asset
-from meshmark.places import assets_folder, require_apart, require_names_fit
 from meshmark.sources import LAYER_SUFFIXES, files_in_reach, read
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import InputError
-from meshmark.files import read_small
+from meshmark.files.atomic import read_small
 from meshmark.manifest import manifest_path, write_bytes, write_json
 from meshmark.sources import sha256
 

@@ -24,7 +24,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.temporary import ScratchFolder
+from meshmark.files.temporary import ScratchFolder
 
 # Linux writes up to 4096 bytes in one piece; beside a result, some words about it are sent.
 SHORT = 2048  # bytes

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import UsageError
+from meshmark.files.json_values import number
+from meshmark.files.locks import held
 from meshmark.gathering import gather
 from meshmark.isolation.reading import read_isolated
-from meshmark.json_values import number
 from meshmark.keys import Key
-from meshmark.locks import held
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.mesh.animation import Asset

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import OutputError
+from meshmark.files.temporary import TemporaryFolder, no_room, shared_folder
 from meshmark.mesh.animation import Frame, FrameSource
-from meshmark.temporary import TemporaryFolder, no_room, shared_folder
 
 FloatArray = NDArray[np.float64]
 

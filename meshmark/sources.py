@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
-from meshmark.files import opened, require_no_device
+from meshmark.files.atomic import opened, require_no_device
 from meshmark.mesh.animation import Asset
 from meshmark.plugins import catalogue, make_reader
 

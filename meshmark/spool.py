@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 from meshmark.errors import OutputError
-from meshmark.temporary import no_room
+from meshmark.files.temporary import no_room
 
 Thing = TypeVar("Thing")
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.evidence import Evidence
-from meshmark.json_values import number
+from meshmark.files.json_values import number
 from meshmark.judging import Finding, judge_each
 from meshmark.keys import Key
 from meshmark.pool import one_thread

@@ -14,7 +14,7 @@ from usd_stages import cube, write_text
 
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
-from meshmark.files import opened, read_small, written_beside
+from meshmark.files.atomic import opened, read_small, written_beside
 from meshmark.keys import Key
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes, devices and permissions")

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from meshmark.files import beside
+from meshmark.files.atomic import beside
+from meshmark.files.temporary import LOCK, ScratchFolder, TemporaryFolder, shared_folder
 from meshmark.scratch import ScratchFile
-from meshmark.temporary import LOCK, ScratchFolder, TemporaryFolder, shared_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks and kills")
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks and kills")
 VICTIM = """
 import sys, time
 from pathlib import Path
-from meshmark.temporary import TemporaryFolder
+from meshmark.files.temporary import TemporaryFolder
 folder = TemporaryFolder(Path(sys.argv[1]), sys.argv[2])
 (folder.path / "in").mkdir()
 (folder.path / "in" / "arrays").write_text("scratch")

@@ -13,8 +13,8 @@ from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.files.json_values import number
 from meshmark.gathering import gather
-from meshmark.json_values import number
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion

@@ -15,7 +15,7 @@ from meshmark.pool import abandon_workers
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 REMIND_EVERY = 0.1  # seconds
 # An import that is cut short may fail in its own way; a temporary file whose making is, stays.
-NOT_CUT_SHORT = ("importlib._bootstrap", "tempfile", "meshmark.temporary")
+NOT_CUT_SHORT = ("importlib._bootstrap", "tempfile", "meshmark.files.temporary")
 
 
 class Stopped(BaseException):

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import InputError, MeshmarkError, OutputError
+from meshmark.files.temporary import no_room
 from meshmark.isolation.frames import ArrayWriter
 from meshmark.isolation.limits import DISK_VARIABLE, Limits
 from meshmark.isolation.report import ARRAYS, REPORT, WITH_TEXTURES, describe_asset, describe_error
 from meshmark.sources import files_in_reach, read, sha256, source_files
-from meshmark.temporary import no_room
 
 
 class Reading:

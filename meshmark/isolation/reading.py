@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import InputError
+from meshmark.files.temporary import ScratchFolder
 from meshmark.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
 from meshmark.isolation.report import (
     ARRAYS,
@@ -25,7 +26,6 @@ from meshmark.isolation.report import (
 )
 from meshmark.mesh.animation import Asset
 from meshmark.sources import is_stage
-from meshmark.temporary import ScratchFolder
 
 PROGRAM = "meshmark.isolation.child"
 COMPLAINTS = "stderr"

@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdUtils
 
-from meshmark.places import assets_folder
+from meshmark.files.places import assets_folder
 from meshmark.usd.layers import sublayer_path
 from meshmark.usd.metadata import file_name
 from meshmark.usd.unpacking import UDIM, Unpacking

@@ -9,8 +9,8 @@ from typing import Any
 from pxr import Usd
 
 from meshmark.errors import UsageError
+from meshmark.files.places import assets_folder
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.places import assets_folder
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.checking import require_no_traces

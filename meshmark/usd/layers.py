@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf, Vt
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.files import beside
+from meshmark.files.atomic import beside
 from meshmark.usd.diagnostics import caught, reason
 
 SUFFIXES = (".usd", ".usda", ".usdc")

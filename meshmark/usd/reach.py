@@ -8,7 +8,7 @@ from pathlib import Path
 from pxr import Ar, Sdf, UsdUtils
 
 from meshmark.errors import InputError
-from meshmark.places import require_apart
+from meshmark.files.places import require_apart
 from meshmark.usd.diagnostics import caught
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.files import opened
+from meshmark.files.atomic import opened
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.mesh.frame_agreement import agreed
 from meshmark_plugins.readers.obj_files import find_frames, looks_like_frames

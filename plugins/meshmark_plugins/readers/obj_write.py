@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.files import beside, opened
+from meshmark.files.atomic import beside, opened
 from meshmark.mesh.animation import Asset, Frame, Topology
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText

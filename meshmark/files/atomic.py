@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from meshmark.errors import InputError, OutputError
-from meshmark.temporary import TemporaryFolder
+from meshmark.files.temporary import TemporaryFolder
 
 _HIDDEN = ".meshmark-"
 # Of Windows, where text would be read otherwise.
