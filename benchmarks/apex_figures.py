@@ -29,8 +29,8 @@ from meshmark import Key, MeshAnimation, read
 from meshmark.demo import creature
 from meshmark.mesh.topology import edges
 from meshmark.mesh.welding import Welding
-from meshmark.parallel import default_jobs
 from meshmark.render import CLAY, View, render_frame
+from meshmark.workers.ordered_map import default_jobs
 from meshmark_plugins.schemes.apex.anchors import integral_distance
 from meshmark_plugins.schemes.apex.consensus import Sightings
 from meshmark_plugins.schemes.apex.layout import Layout

@@ -21,9 +21,9 @@ from meshmark.evidence import Evidence
 from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
 from meshmark.keys import Key
-from meshmark.parallel import default_jobs, ordered_map
 from meshmark.recipe import Recipe
 from meshmark.verdict import shares
+from meshmark.workers.ordered_map import default_jobs, ordered_map
 
 FloatArray = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from meshmark.detection import extract
 from meshmark.embedding import embed_animation
 from meshmark.judging import judge
 from meshmark.metrics import distortion
-from meshmark.parallel import default_jobs
 from meshmark.recipe import Recipe
+from meshmark.workers.ordered_map import default_jobs
 
 # One cycle; the second is the first again.
 FRAMES = tuple(range(24))

@@ -12,9 +12,9 @@ from scipy.spatial.distance import cdist
 
 from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
-from meshmark.spool import Made
 from meshmark.statistics.word_windows import Placement
 from meshmark.strand import FrameEvidence
+from meshmark.workers.spool import Made
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

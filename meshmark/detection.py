@@ -20,11 +20,11 @@ from meshmark.in_betweens import own_poses
 from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
-from meshmark.parallel import ordered_map
 from meshmark.reference_frame import readable, reference_frame
 from meshmark.restoration import unsmooth
-from meshmark.spool import Made, Spool
 from meshmark.strand import Strand, in_steps
+from meshmark.workers.ordered_map import ordered_map
+from meshmark.workers.spool import Made, Spool
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]

@@ -24,9 +24,9 @@ from meshmark.mesh.precision import require_precision, rounding_of
 from meshmark.mesh.smoothing import smooth, umbrella
 from meshmark.mesh.topology import boundary_edges, edges
 from meshmark.mesh.welding import Welding
-from meshmark.parallel import ordered_map, sharing_workers
-from meshmark.scratch import DisplacedFrames, ScratchFile
 from meshmark.statistics.p_values import log10_p_words
+from meshmark.workers.ordered_map import ordered_map, sharing_workers
+from meshmark.workers.scratch import DisplacedFrames, ScratchFile
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

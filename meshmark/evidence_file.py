@@ -29,9 +29,9 @@ from meshmark.evidence_header import (
     parse_header,
 )
 from meshmark.sealing import sealed, unsealed
-from meshmark.spool import Made, Spool
 from meshmark.statistics.word_windows import Placement
 from meshmark.strand import STEPS, FrameEvidence, Strand
+from meshmark.workers.spool import Made, Spool
 
 FORMAT = "meshmark-evidence-3"
 KIND = f"{FORMAT}\n".encode()

@@ -14,8 +14,8 @@ from meshmark.evidence import Evidence
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
-from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe, all_schemes
+from meshmark.workers.ordered_map import sharing_workers
 
 # Meshes that one remark is made of, by name.
 MOST_NAMED = 3

@@ -16,10 +16,10 @@ from meshmark.gathering import Survey, extractions
 from meshmark.keys import Key
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe, all_schemes
 from meshmark.recipients import spellings
 from meshmark.verdict import Verdict, decide, together
+from meshmark.workers.ordered_map import sharing_workers
 
 
 @sharing_workers

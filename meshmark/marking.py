@@ -12,9 +12,9 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
-from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
+from meshmark.workers.ordered_map import sharing_workers
 
 MeshProgress = Callable[[str, int, int], None]
 

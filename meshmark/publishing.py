@@ -21,7 +21,6 @@ from meshmark.mesh.animation import Asset
 from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
 from meshmark.pairing import announced, output_hashes
-from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
 from meshmark.sources import (
@@ -42,6 +41,7 @@ from meshmark.unmarked import (
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import judge_all
 from meshmark.version import __version__
+from meshmark.workers.ordered_map import sharing_workers
 
 # Called with (stage of the work, prim, frames done, frames in all).
 Progress = Callable[[str, str, int, int], None]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.spool import Made
 from meshmark.statistics.word_windows import Placement, together
+from meshmark.workers.spool import Made
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from meshmark.evidence import Evidence
 from meshmark.files.json_values import number
 from meshmark.judging import Finding, judge_each
 from meshmark.keys import Key
-from meshmark.pool import one_thread
+from meshmark.workers.pool import one_thread
 
 FloatArray = NDArray[np.float64]
 

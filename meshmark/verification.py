@@ -12,10 +12,10 @@ from meshmark.looks import verify_in_looks
 from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.mesh.frame_range import AUTO
-from meshmark.parallel import sharing_workers
 from meshmark.recipe import Recipe
 from meshmark.recipients import spellings
 from meshmark.verdict import Verdict, decide, without_weight
+from meshmark.workers.ordered_map import sharing_workers
 
 
 @sharing_workers

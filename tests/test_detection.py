@@ -178,7 +178,7 @@ def peak_of_looking(n_frames: int) -> int:
 
 
 def test_looking_at_many_frames_takes_hardly_more_memory_than_few(monkeypatch) -> None:
-    monkeypatch.setattr("meshmark.spool.ROOM", 1)
+    monkeypatch.setattr("meshmark.workers.spool.ROOM", 1)
     more = (peak_of_looking(30) - peak_of_looking(6)) / 24
     # Three times 8 kB of evidence and 4 kB of places are kept of each frame, on disk.
     assert more < 9_000

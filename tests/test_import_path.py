@@ -137,7 +137,7 @@ def test_plots_are_drawn_as_the_installation_says(folder) -> None:
 PUBLISH = """
 import sys
 sys.path[:0] = {paths!r}
-from meshmark.parallel import ordered_map
+from meshmark.workers.ordered_map import ordered_map
 if __name__ == "__main__":
     assert list(ordered_map(abs, [-1, -2, -3, -4], jobs=2)) == [1, 2, 3, 4]
     import os

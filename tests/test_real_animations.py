@@ -14,9 +14,9 @@ from meshmark.attacking import attack_asset
 from meshmark.evidence import Evidence
 from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
-from meshmark.parallel import default_jobs
 from meshmark.plugins import make_attack
 from meshmark.recipe import Recipe
+from meshmark.workers.ordered_map import default_jobs
 
 pytestmark = pytest.mark.slow
 

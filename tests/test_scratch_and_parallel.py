@@ -15,9 +15,15 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from meshmark.errors import InputError, OutputError, UsageError, WorkerError
-from meshmark.parallel import JOBS_VARIABLE, Workers, default_jobs, ordered_map, shared_workers
-from meshmark.pool import Pool
-from meshmark.scratch import DOUBLE, ScratchFile
+from meshmark.workers.ordered_map import (
+    JOBS_VARIABLE,
+    Workers,
+    default_jobs,
+    ordered_map,
+    shared_workers,
+)
+from meshmark.workers.pool import Pool
+from meshmark.workers.scratch import DOUBLE, ScratchFile
 
 
 def square(x: int) -> int:
@@ -145,7 +151,7 @@ def test_functions_reach_workers_where_nothing_can_be_written(monkeypatch) -> No
     def refuse(*args, **kwargs):
         raise OSError("read-only file system")
 
-    monkeypatch.setattr("meshmark.pool.tempfile.TemporaryDirectory", refuse)
+    monkeypatch.setattr("meshmark.workers.pool.tempfile.TemporaryDirectory", refuse)
     assert list(ordered_map(square, range(8), jobs=2)) == [x * x for x in range(8)]
 
 

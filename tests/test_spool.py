@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshmark.errors import OutputError
-from meshmark.spool import Made, Spool
+from meshmark.workers.spool import Made, Spool
 
 
 @pytest.mark.parametrize("room", [1, 1 << 20], ids=["on disk", "in memory"])

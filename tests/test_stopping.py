@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and groups o
 # The same worker processes first tell who they are, then sleep.
 SLEEPERS = """
 from time import sleep
-from meshmark.parallel import ordered_map, shared_workers
+from meshmark.workers.ordered_map import ordered_map, shared_workers
 with shared_workers(2):
     list(ordered_map(eval, ["__import__('time').sleep(0.2)"] * 8, jobs=2))
     print("at work", flush=True)

@@ -14,7 +14,7 @@ import pytest
 
 from meshmark.files.atomic import beside
 from meshmark.files.temporary import LOCK, ScratchFolder, TemporaryFolder, shared_folder
-from meshmark.scratch import ScratchFile
+from meshmark.workers.scratch import ScratchFile
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks and kills")
 

@@ -29,10 +29,10 @@ from meshmark.benchmarking.tasks import (
 )
 from meshmark.errors import MeshmarkError, PluginError
 from meshmark.keys import Key
-from meshmark.parallel import ordered_map
 from meshmark.plugins import Offer, catalogue
 from meshmark.recipe import Recipe
 from meshmark.version import __version__
+from meshmark.workers.ordered_map import ordered_map
 
 # Called with (stage of the work, what it is about, done, in all).
 Progress = Callable[[str, str, int, int], None]

@@ -58,7 +58,7 @@ def bench(
     from meshmark.benchmarking.benchmark import run_benchmark
     from meshmark.benchmarking.report import failures
     from meshmark.benchmarking.suites import Suite, cell_from_text, suite_named
-    from meshmark.parallel import default_jobs
+    from meshmark.workers.ordered_map import default_jobs
 
     found = suite_named(suite)
     cells = (*found.cells, *(cell_from_text(text) for text in attacks))

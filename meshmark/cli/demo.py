@@ -17,7 +17,7 @@ def demo(
 ) -> None:
     """Make an animated creature, mark, attack and verify it, and tell the story."""
     from meshmark.demo.story import tell
-    from meshmark.parallel import default_jobs
+    from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:
         for line in tell(folder, jobs=default_jobs(), progress=progress):

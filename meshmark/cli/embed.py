@@ -70,9 +70,9 @@ def embed(
     json: JsonOption = False,
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
-    from meshmark.parallel import default_jobs
     from meshmark.publishing import mark_file
     from meshmark.recipe import recipe_from_text
+    from meshmark.workers.ordered_map import default_jobs
 
     own = {"strength": strength, "max_mrms": max_mrms}
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings, own)

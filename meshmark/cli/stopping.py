@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from meshmark.pool import abandon_workers
+from meshmark.workers.pool import abandon_workers
 
 # What schedulers, closed terminals and people send. Not every system knows all of them.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")

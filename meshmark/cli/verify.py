@@ -168,10 +168,10 @@ def _names(recipients: Sequence[str]) -> list[str]:
 
 
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
-    from meshmark.parallel import default_jobs
     from meshmark.sources import read
     from meshmark.verification import judge_all
     from meshmark.verification import verify as verify_asset
+    from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:
 

@@ -11,7 +11,7 @@ from meshmark.errors import CapacityError
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.recipe import Recipe
-from meshmark.scratch import DisplacedFrames, ScratchFile
+from meshmark.workers.scratch import DisplacedFrames, ScratchFile
 from meshmark_plugins.attacks.parameters import whole
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.parallel import Workers
-from meshmark.scratch import DOUBLE, ScratchFile
+from meshmark.workers.ordered_map import Workers
+from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.energy import Energy, energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.folds import Folds

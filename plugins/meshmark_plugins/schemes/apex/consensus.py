@@ -14,7 +14,7 @@ from meshmark.errors import CapacityError
 from meshmark.mesh.animation import MeshAnimation, Topology
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
-from meshmark.parallel import ordered_map
+from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors import distance_to_border
 from meshmark_plugins.schemes.apex.survey import look
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.parallel import ordered_map
+from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
 from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.readings import cells_needed

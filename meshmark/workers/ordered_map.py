@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from meshmark.errors import UsageError, WorkerError
-from meshmark.pool import Pool, one_thread
+from meshmark.workers.pool import Pool, one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
