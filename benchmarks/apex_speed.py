@@ -22,9 +22,9 @@ from measuring import PAGES, Run, data_folder, repeat, run, table
 from meshmark import read
 from meshmark.detection import Extraction
 from meshmark.embedding import embed_animation
+from meshmark.extension.recipe import Recipe
 from meshmark.judging import judge
 from meshmark.keys import Key
-from meshmark.recipe import Recipe
 
 KEY = Key(bytes(range(32)))
 FRAMES = 10

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 import meshmark
 from meshmark.evidence import Evidence
+from meshmark.extension.recipe import Recipe
 from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
 from meshmark.keys import Key
-from meshmark.recipe import Recipe
 from meshmark.verdict import shares
 from meshmark.workers.ordered_map import default_jobs, ordered_map
 

@@ -15,9 +15,9 @@ from measuring import PAGES, data_folder, table
 from meshmark import Key, read
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation
+from meshmark.extension.recipe import Recipe
 from meshmark.judging import judge
 from meshmark.metrics import distortion
-from meshmark.recipe import Recipe
 from meshmark.workers.ordered_map import default_jobs
 
 # One cycle; the second is the first again.

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
         UsageError,
         WorkerError,
     )
+    from meshmark.extension.recipe import Recipe
     from meshmark.keys import Key
     from meshmark.manifest import Manifest
     from meshmark.marking import MarkedAsset, embed
     from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
     from meshmark.publishing import mark_file
-    from meshmark.recipe import Recipe
     from meshmark.sources import read, write
     from meshmark.verdict import Verdict
     from meshmark.verification import verify
@@ -78,7 +78,7 @@ _HOMES = {
     "manifest": ("Manifest",),
     "marking": ("MarkedAsset", "embed"),
     "publishing": ("mark_file",),
-    "recipe": ("Recipe",),
+    "extension.recipe": ("Recipe",),
     "sources": ("read", "write"),
     "verdict": ("Verdict",),
     "verification": ("verify",),

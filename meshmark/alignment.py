@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
+from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement
 from meshmark.strand import FrameEvidence
 from meshmark.workers.spool import Made

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from meshmark.errors import UsageError
+from meshmark.extension.interfaces import Attack
+from meshmark.extension.recipe import convert
+from meshmark.extension.registry import catalogue, make_attack, make_reader
 from meshmark.files.places import require_apart
-from meshmark.interfaces import Attack
 from meshmark.mesh.animation import Asset
-from meshmark.plugins import catalogue, make_attack, make_reader
-from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES, files_in_reach
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.candidates import Candidate
-from meshmark.carrier import Sighting, sighting_of
 from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
+from meshmark.extension.breakdown import breakdown_means_no_capacity
+from meshmark.extension.carrier import Sighting, sighting_of
+from meshmark.extension.interfaces import AnyScheme, JointScheme
 from meshmark.in_betweens import own_poses
-from meshmark.interfaces import AnyScheme, JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
 from meshmark.reference_frame import readable, reference_frame

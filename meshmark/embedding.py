@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from meshmark.breakdown import breakdown_means_no_capacity
-from meshmark.carrier import Chips, measure
 from meshmark.errors import CapacityError, InputError, MeshmarkError
-from meshmark.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
+from meshmark.extension.breakdown import breakdown_means_no_capacity
+from meshmark.extension.carrier import Chips, measure
+from meshmark.extension.interfaces import AnyScheme, JointScheme, MarkingPlan, Scheme
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.flip_guard import restrain

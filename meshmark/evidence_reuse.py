@@ -8,11 +8,11 @@ from pathlib import Path
 
 from meshmark.errors import InputError, UsageError
 from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
+from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.gathering import AssetEvidence, gather
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset
-from meshmark.recipe import Recipe, all_schemes
 from meshmark.sources import read, source_digests, source_files
 
 

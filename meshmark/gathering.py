@@ -11,10 +11,10 @@ from meshmark.candidates import Candidate, candidates
 from meshmark.detection import Extraction
 from meshmark.errors import CapacityError, InputError
 from meshmark.evidence import Evidence
+from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
-from meshmark.recipe import Recipe, all_schemes
 from meshmark.workers.ordered_map import sharing_workers
 
 # Meshes that one remark is made of, by name.

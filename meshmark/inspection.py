@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.breakdown import breakdown_means_no_capacity
 from meshmark.detection import extract
 from meshmark.errors import CapacityError, InputError, NoExtentError
-from meshmark.interfaces import JointScheme
+from meshmark.extension.breakdown import breakdown_means_no_capacity
+from meshmark.extension.interfaces import JointScheme
+from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.precision import require_precision
 from meshmark.mesh.welding import Welding
-from meshmark.recipe import Recipe
 
 
 def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:

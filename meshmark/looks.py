@@ -12,11 +12,11 @@ from meshmark.candidates import candidates
 from meshmark.detection import Extraction
 from meshmark.errors import InputError
 from meshmark.evidence import Evidence
+from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.gathering import Survey, extractions
 from meshmark.keys import Key
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.recipe import Recipe, all_schemes
 from meshmark.recipients import spellings
 from meshmark.verdict import Verdict, decide, together
 from meshmark.workers.ordered_map import sharing_workers

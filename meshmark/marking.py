@@ -8,11 +8,11 @@ from functools import partial
 
 from meshmark.embedding import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
-from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
 from meshmark.workers.ordered_map import sharing_workers
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.recipe import SolverFactory
+from meshmark.extension.registry import Offer, catalogue
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.plugins import Offer, catalogue
-from meshmark.recipe import SolverFactory
 from meshmark.testing.meshes import dumbbell
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import UsageError
+from meshmark.extension.recipe import Recipe
 from meshmark.files.json_values import number
 from meshmark.files.locks import held
 from meshmark.gathering import gather
@@ -21,7 +22,6 @@ from meshmark.mesh.animation import Asset
 from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
 from meshmark.pairing import announced, output_hashes
-from meshmark.recipe import Recipe
 from meshmark.recipients import recipient_name
 from meshmark.sources import (
     read,

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark.interfaces import Segmenter
+from meshmark.extension.interfaces import Segmenter
+from meshmark.extension.recipe import convert
+from meshmark.extension.registry import catalogue, make_segmenter
 from meshmark.mesh.animation import Asset, Frame
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
-from meshmark.plugins import catalogue, make_segmenter
-from meshmark.recipe import convert
 from meshmark.sources import LAYER_SUFFIXES
 
 IntArray = NDArray[np.int64]

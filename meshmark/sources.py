@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
+from meshmark.extension.registry import catalogue, make_reader
 from meshmark.files.atomic import opened, require_no_device
 from meshmark.mesh.animation import Asset
-from meshmark.plugins import catalogue, make_reader
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery

@@ -12,9 +12,9 @@ import signal
 import sys
 
 from meshmark.errors import MeshmarkError
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.publishing import mark_file
-from meshmark.recipe import Recipe
 
 KEY = Key(bytes(range(32)))
 CHANGES = ("replace", "rename", "unlink", "link")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmark.errors import InputError
-from meshmark.hookspecs import ReaderRecord, hookimpl
+from meshmark.extension.hookspecs import ReaderRecord, hookimpl
 from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.testing.meshes import icosphere
 

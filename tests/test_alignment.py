@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meshmark.alignment import Aligned, aligned, by_looks, by_place, in_order
-from meshmark.carrier import Sighting
 from meshmark.errors import CapacityError
+from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement
 
 RNG = np.random.default_rng(0)

@@ -5,8 +5,8 @@ import pytest
 
 from meshmark.attacking import attack_asset
 from meshmark.errors import UsageError
+from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.plugins import make_attack
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 

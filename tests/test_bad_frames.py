@@ -12,13 +12,13 @@ from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, array, cube, read
 
 from meshmark import mark_file
 from meshmark.errors import CapacityError, InputError
+from meshmark.extension.recipe import Recipe
 from meshmark.inspection import inspect_asset
 from meshmark.keys import Key
 from meshmark.marking import embed
 from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.mesh.checks import bad_frames, check
 from meshmark.mesh.frame_agreement import agreed
-from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.surface_distance import surface_distance
 from meshmark.testing.attacks import sphere

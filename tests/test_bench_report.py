@@ -21,9 +21,9 @@ from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.evidence import Evidence
+from meshmark.extension.recipe import Recipe
 from meshmark.marking import as_asset
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.strand import Strand
 from meshmark.testing.attacks import sphere

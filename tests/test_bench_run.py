@@ -17,8 +17,8 @@ from meshmark.benchmarking.suites import SUITES, Cell, Suite, cell_from_text
 from meshmark.cli import main
 from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
+from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset
-from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.sources import write
 from meshmark.testing.meshes import dumbbell

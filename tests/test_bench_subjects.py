@@ -18,8 +18,8 @@ from meshmark.benchmarking.subjects import (
     subjects_of,
 )
 from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.extension.registry import catalogue
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.plugins import catalogue
 from meshmark.testing.meshes import dumbbell
 
 

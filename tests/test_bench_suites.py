@@ -7,7 +7,7 @@ import pytest
 from meshmark.benchmarking.paper import ERROR_DIGIT, TABLE_1, TABLE_2, worse
 from meshmark.benchmarking.suites import NO_ATTACK, SUITES, cell_from_text, suite_named
 from meshmark.errors import UsageError
-from meshmark.plugins import catalogue, make_attack
+from meshmark.extension.registry import catalogue, make_attack
 
 PAPER_ROWS = {row for _, row in TABLE_2}
 

@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, UsageError
+from meshmark.extension.carrier import measure
+from meshmark.extension.registry import make_attack
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.metrics import distortion
-from meshmark.plugins import make_attack
 from meshmark.sources import read
 from meshmark.testing.meshes import icosphere
 from meshmark_plugins.schemes.cho2007.norms import bin_norms

@@ -246,7 +246,7 @@ def test_a_few_points_far_off_are_no_bug(run, scheme, number, size) -> None:
 
 
 def test_only_numerical_breakdowns_are_taken_for_lack_of_capacity() -> None:
-    from meshmark.breakdown import breakdown_means_no_capacity
+    from meshmark.extension.breakdown import breakdown_means_no_capacity
 
     for error in (
         RuntimeError("Factor is exactly singular"),

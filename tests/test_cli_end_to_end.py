@@ -15,9 +15,9 @@ from pxr import Sdf, Usd, UsdGeom
 from meshmark import read
 from meshmark.attacking import write_attacked
 from meshmark.cli import main
+from meshmark.extension.registry import make_reader
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.plugins import make_reader
 from meshmark.resources import schema_folder
 
 PRIM = "/Creature/Geom/body"

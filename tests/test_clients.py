@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import meshmark
-from meshmark.recipe import Recipe
+from meshmark.extension.recipe import Recipe
 
 TESTS = Path(__file__).parent
 BLENDER = TESTS / "clients" / "blender"

@@ -230,7 +230,7 @@ def test_shape_diameter_finds_the_same_seven_parts_in_every_pose(
     creature: MeshAnimation, points: np.ndarray
 ) -> None:
     # Body, neck with head, tail and four legs.
-    from meshmark.plugins import make_segmenter
+    from meshmark.extension.registry import make_segmenter
 
     F = creature[0].faces
     area = np.linalg.norm(face_vectors(points[0], F), axis=1)

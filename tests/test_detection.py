@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
-from meshmark.carrier import Sighting
 from meshmark.detection import Extraction, extract
 from meshmark.errors import CapacityError
+from meshmark.extension.carrier import Sighting
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.looks import LOOKS, verify_in_looks

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from meshmark.bit_errors import bit_errors
-from meshmark.carrier import Carrier, measure, sighting_of
 from meshmark.evidence import Evidence
+from meshmark.extension.carrier import Carrier, measure, sighting_of
 from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.statistics.p_values import word_log_e_means

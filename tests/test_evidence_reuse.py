@@ -11,7 +11,7 @@ import pytest
 from meshmark import evidence_reuse
 from meshmark.errors import InputError, UsageError
 from meshmark.evidence_reuse import kept_evidence
-from meshmark.recipe import Recipe
+from meshmark.extension.recipe import Recipe
 from meshmark.testing.meshes import bumpy_sphere
 
 RECIPES = (Recipe("cho2007"),)

@@ -11,9 +11,9 @@ import pytest
 import meshmark
 from meshmark.candidates import candidates
 from meshmark.errors import InputError
+from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.mesh.topology import face_adjacency
-from meshmark.recipe import Recipe
 from meshmark.testing.meshes import plane, side_by_side, torus
 from meshmark.verdict import Verdict
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.extension.registry import make_attack
 from meshmark.in_betweens import own_poses
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.plugins import make_attack
 from meshmark.testing.meshes import icosphere
 
 FRAMES = 17

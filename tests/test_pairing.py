@@ -18,11 +18,11 @@ from publishing_run import CHANGES, KEY
 from meshmark import evidence_reuse, publishing
 from meshmark.errors import InputError, OutputError
 from meshmark.evidence_reuse import kept_evidence
+from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
 from meshmark.manifest import manifest_path
 from meshmark.pairing import announced, output_hashes, remark
 from meshmark.publishing import mark_file
-from meshmark.recipe import Recipe
 from meshmark.resources import schema_folder
 from meshmark.testing.meshes import bumpy_sphere
 

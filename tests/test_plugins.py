@@ -7,8 +7,8 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from meshmark.errors import PluginError, UsageError
-from meshmark.hookspecs import AttackRecord, SegmenterRecord, hookimpl
-from meshmark.plugins import catalogue, load
+from meshmark.extension.hookspecs import AttackRecord, SegmenterRecord, hookimpl
+from meshmark.extension.registry import catalogue, load
 
 
 class FakeDistribution:
@@ -99,7 +99,7 @@ def test_an_unknown_hook_is_broken(install) -> None:
 
 
 def test_importing_the_specs_into_a_module_makes_no_hooks(install) -> None:
-    from meshmark import hookspecs
+    from meshmark.extension import hookspecs
 
     module = {name: getattr(hookspecs, name) for name in dir(hookspecs) if "meshmark_" in name}
     found = load([install("star_import", **module)], strict=False)

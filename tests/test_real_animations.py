@@ -12,10 +12,10 @@ import pytest
 from meshmark import Key, mark_file, read, verify
 from meshmark.attacking import attack_asset
 from meshmark.evidence import Evidence
+from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import make_attack
 from meshmark.gathering import gather
 from meshmark.judging import log10_p_of
-from meshmark.plugins import make_attack
-from meshmark.recipe import Recipe
 from meshmark.workers.ordered_map import default_jobs
 
 pytestmark = pytest.mark.slow

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.carrier import Sighting
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
-from meshmark.interfaces import JointScheme
-from meshmark.plugins import catalogue
-from meshmark.recipe import Recipe, SolverFactory
+from meshmark.extension.carrier import Sighting
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.interfaces import JointScheme
+from meshmark.extension.recipe import Recipe, SolverFactory
+from meshmark.extension.registry import catalogue
 from meshmark.testing import JointSchemeSuite, SchemeSuite
 from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
 from meshmark.testing.schemes import NAME, OTHER, swaying

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshmark.errors import UsageError
+from meshmark.extension.recipe import Recipe, recipe_from_text
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.mesh.frame_range import frames_in, in_range
-from meshmark.recipe import Recipe, recipe_from_text
 
 TRIANGLE = (np.eye(3), np.array([[0, 1, 2]]))
 

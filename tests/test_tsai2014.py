@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.carrier import measure
 from meshmark.detection import extract
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, InputError
+from meshmark.extension.carrier import measure
+from meshmark.extension.recipe import Recipe
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
-from meshmark.recipe import Recipe
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import smallest_loop, split
 
@@ -102,7 +102,7 @@ def test_sets_are_upper_closed_and_the_farthest_vertex_is_in_the_last(tube_frame
 
 def test_chips_are_zero_at_the_centre_of_a_set() -> None:
     # Distances 1, 2, ... 160 of 160: ten a set, their mean half a step above the centre.
-    from meshmark.carrier import Carrier
+    from meshmark.extension.carrier import Carrier
 
     x = np.arange(1, 161) / 10
     bins = np.ceil(x).astype(int) - 1

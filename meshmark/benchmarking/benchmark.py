@@ -28,9 +28,9 @@ from meshmark.benchmarking.tasks import (
     subject_identity,
 )
 from meshmark.errors import MeshmarkError, PluginError
+from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import Offer, catalogue
 from meshmark.keys import Key
-from meshmark.plugins import Offer, catalogue
-from meshmark.recipe import Recipe
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import ordered_map
 

@@ -13,13 +13,13 @@ from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import make_attack
 from meshmark.files.json_values import number
 from meshmark.gathering import gather
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion
-from meshmark.plugins import make_attack
-from meshmark.recipe import Recipe
 from meshmark.sources import texture_coordinates
 from meshmark.surface_distance import surface_distance
 from meshmark.verdict import PrimVerdict, Verdict

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from meshmark.benchmarking.suites import SUITES
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.errors import UsageError
-from meshmark.plugins import catalogue
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.registry import catalogue
 
 _DEFAULTS = {"segmenter": DEFAULT_SEGMENTER, "geodesic": DEFAULT_GEODESIC}
 

@@ -11,8 +11,8 @@ from meshmark.benchmarking.paper import TABLE_1, TABLE_2
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
+from meshmark.extension.recipe import Recipe
 from meshmark.metrics import Distortion
-from meshmark.recipe import Recipe
 from meshmark.version import __version__
 
 FORMAT = 1

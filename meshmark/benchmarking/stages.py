@@ -11,9 +11,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.interfaces import AnyScheme, GeodesicSolver, Segmenter
-from meshmark.plugins import catalogue
-from meshmark.recipe import Recipe, SolverFactory
+from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
+from meshmark.extension.recipe import Recipe, SolverFactory
+from meshmark.extension.registry import catalogue
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,8 +12,8 @@ from typing import Any
 
 import meshmark
 from meshmark.errors import OutputError
+from meshmark.extension.registry import Offer
 from meshmark.manifest import write_json
-from meshmark.plugins import Offer
 
 FORMAT = 1
 # Parts of the package on which no result depends.

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from meshmark.errors import UsageError
-from meshmark.plugins import catalogue
-from meshmark.recipe import convert
+from meshmark.extension.recipe import convert
+from meshmark.extension.registry import catalogue
 
 Per = Literal["frame", "animation"]
 Scope = Literal["all", "first"]

@@ -13,8 +13,8 @@ from meshmark.benchmarking.store import Store, identity_hash
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell
 from meshmark.errors import MeshmarkError, PluginError
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.recipe import Recipe
 
 Side = Literal["marked", "control"]
 SIDES: tuple[Side, ...] = ("marked", "control")

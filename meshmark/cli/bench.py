@@ -18,10 +18,10 @@ from meshmark.cli.options import (
     SetOption,
     TrustedOption,
 )
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
-    from meshmark.recipe import Recipe
+    from meshmark.extension.recipe import Recipe
 
 SOME_CELL_FAILED, PLUGIN_FAILED = 1, 5
 
@@ -89,7 +89,7 @@ def recipes_from_text(
     schemes: Sequence[str], segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> list[Recipe]:
     """Build a recipe for each scheme; `NAME.PARAMETER=VALUE` of another scheme is not for it."""
-    from meshmark.recipe import recipe_from_text
+    from meshmark.extension.recipe import recipe_from_text
 
     def others(scheme: str) -> tuple[str, ...]:
         return tuple(f"{name}." for name in schemes if name != scheme)

@@ -20,7 +20,7 @@ from meshmark.cli.options import (
     TrustedOption,
     load_key,
 )
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
 NOT_ALL_MARKED = 1
 
@@ -70,8 +70,8 @@ def embed(
     json: JsonOption = False,
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
+    from meshmark.extension.recipe import recipe_from_text
     from meshmark.publishing import mark_file
-    from meshmark.recipe import recipe_from_text
     from meshmark.workers.ordered_map import default_jobs
 
     own = {"strength": strength, "max_mrms": max_mrms}

@@ -15,7 +15,7 @@ from meshmark.cli.options import (
     SourceArgument,
     TrustedOption,
 )
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 
 CANNOT_HOLD = 1
 
@@ -30,8 +30,8 @@ def inspect(
     json: JsonOption = False,
 ) -> None:
     """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
+    from meshmark.extension.recipe import recipe_from_text
     from meshmark.inspection import inspect_asset
-    from meshmark.recipe import recipe_from_text
     from meshmark.sources import read
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings)

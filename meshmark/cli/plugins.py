@@ -17,7 +17,7 @@ plugins = typer.Typer(help="What is installed, and whether it works.", no_args_i
 @plugins.command("list")
 def list_plugins(json: JsonOption = False) -> None:
     """List readers, segmenters, solvers, schemes and attacks, and what could not be loaded."""
-    from meshmark.plugins import catalogue
+    from meshmark.extension.registry import catalogue
 
     found = catalogue()
     if json:
@@ -60,8 +60,8 @@ def check_plugin(
 ) -> None:
     """Make what NAME names, try it on a small mesh, and say what is wrong with it."""
     from meshmark.errors import UsageError
+    from meshmark.extension.registry import catalogue
     from meshmark.plugin_check import check_offer
-    from meshmark.plugins import catalogue
 
     found = catalogue()
     broken = [item for item in found.broken if name in (item.plugin, item.distribution)]

@@ -11,7 +11,7 @@ from meshmark.cli.options import (
     SourceArgument,
     TrustedOption,
 )
-from meshmark.defaults import DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_SEGMENTER
 
 
 def segment(

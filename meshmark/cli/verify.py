@@ -19,11 +19,11 @@ from meshmark.cli.options import (
     TrustedOption,
     load_key,
 )
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.errors import MeshmarkError
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
-    from meshmark.recipe import Recipe
+    from meshmark.extension.recipe import Recipe
     from meshmark.verdict import Named, PrimVerdict, Verdict
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
@@ -132,7 +132,7 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 def _recipes(
     scheme: str | None, segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
-    from meshmark.recipe import recipe_from_text, scheme_names
+    from meshmark.extension.recipe import recipe_from_text, scheme_names
 
     if scheme is not None:
         return [recipe_from_text(scheme, segmenter, geodesic, settings)]

@@ -11,11 +11,11 @@ from typing import Any
 from meshmark.attacking import attack_asset, write_attacked
 from meshmark.demo import write_creature
 from meshmark.errors import OutputError
+from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
-from meshmark.plugins import make_attack
 from meshmark.publishing import Progress, mark_file
-from meshmark.recipe import Recipe
 from meshmark.sources import read
 from meshmark.verdict import Verdict
 from meshmark.verification import verify

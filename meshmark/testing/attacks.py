@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from meshmark.errors import InputError, UsageError
-from meshmark.hookspecs import Attack, AttackRecord
+from meshmark.extension.hookspecs import Attack, AttackRecord
 from meshmark.mesh.animation import Frame, MeshAnimation
 
 FloatArray = NDArray[np.float64]

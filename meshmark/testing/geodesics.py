@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshmark.interfaces import GeodesicSolver
+from meshmark.extension.interfaces import GeodesicSolver
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, bent_tube, icosphere, plane, side_by_side, torus
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
-from meshmark.carrier import Sighting
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
-from meshmark.hookspecs import SchemeRecord
-from meshmark.interfaces import JointScheme
+from meshmark.extension.carrier import Sighting
+from meshmark.extension.hookspecs import SchemeRecord
+from meshmark.extension.interfaces import JointScheme
 from meshmark.judging import judge
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.welding import Welding

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError, OutputError
-from meshmark.hookspecs import Reader, ReaderRecord
+from meshmark.extension.hookspecs import Reader, ReaderRecord
 from meshmark.mesh.animation import Asset, Frame
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from meshmark.hookspecs import SchemeRecord
+from meshmark.extension.hookspecs import SchemeRecord
 
 
 class SchemeRecordSuite:

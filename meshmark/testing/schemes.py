@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshmark.carrier import Carrier, Chips, measure
 from meshmark.detection import extract
 from meshmark.embedding import embed_animation
 from meshmark.errors import CapacityError
-from meshmark.hookspecs import Scheme, SchemeRecord
+from meshmark.extension.carrier import Carrier, Chips, measure
+from meshmark.extension.hookspecs import Scheme, SchemeRecord
 from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark.interfaces import Segmenter
+from meshmark.extension.interfaces import Segmenter
 from meshmark.mesh.topology import face_components
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, dumbbell, icosphere, plane, side_by_side

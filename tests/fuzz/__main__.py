@@ -33,7 +33,12 @@ from .seeds import build, load, secret_file
 
 STEP = 1000
 LOADED = (
-    *("meshmark.cli.app", "meshmark.plugins", "meshmark.publishing", "meshmark.verification"),
+    *(
+        "meshmark.cli.app",
+        "meshmark.extension.registry",
+        "meshmark.publishing",
+        "meshmark.verification",
+    ),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),
     *("meshmark.isolation.reading", "meshmark.isolation.child"),
     *("fast_simplification", "open3d", "potpourri3d", "pygeodesic.geodesic"),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from meshmark.errors import UsageError
-from meshmark.hookspecs import SegmenterRecord, hookimpl
+from meshmark.extension.hookspecs import SegmenterRecord, hookimpl
 from meshmark.mesh.topology import face_components
 
 

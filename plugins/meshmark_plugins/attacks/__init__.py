@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from meshmark.errors import UsageError
-from meshmark.hookspecs import AttackRecord, hookimpl
+from meshmark.extension.hookspecs import AttackRecord, hookimpl
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from meshmark.errors import UsageError
-from meshmark.interfaces import Attack
+from meshmark.extension.interfaces import Attack
+from meshmark.extension.registry import catalogue, check_parameters
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.plugins import catalogue, check_parameters
 
 
 @dataclass(frozen=True)

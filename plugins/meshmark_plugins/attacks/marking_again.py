@@ -8,9 +8,9 @@ import numpy as np
 
 from meshmark.embedding import embed_animation
 from meshmark.errors import CapacityError
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.recipe import Recipe
 from meshmark.workers.scratch import DisplacedFrames, ScratchFile
 from meshmark_plugins.attacks.parameters import whole
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from meshmark.hookspecs import GeodesicSolverRecord, hookimpl
-from meshmark.plugin_parameters import with_defaults
+from meshmark.extension.hookspecs import GeodesicSolverRecord, hookimpl
+from meshmark.extension.parameters import with_defaults
 
 HEAT_PARAMETERS = {"t_coef": 1.0, "use_robust": True}
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshmark.errors import CapacityError, UsageError
+from meshmark.extension.parameters import require_number
 from meshmark.mesh.arrays import mesh_arrays
-from meshmark.plugin_parameters import require_number
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
 

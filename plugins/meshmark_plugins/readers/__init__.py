@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from meshmark.hookspecs import ReaderRecord, hookimpl
+from meshmark.extension.hookspecs import ReaderRecord, hookimpl
 
 
 def _obj(**parameters: Any) -> Any:

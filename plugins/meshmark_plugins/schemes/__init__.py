@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from meshmark.hookspecs import SchemeRecord, hookimpl
+from meshmark.extension.hookspecs import SchemeRecord, hookimpl
 
 APEX_DEFAULTS: dict[str, Any] = {
     "bins": 16,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from meshmark.hookspecs import SegmenterRecord, hookimpl
-from meshmark.plugin_parameters import with_defaults
+from meshmark.extension.hookspecs import SegmenterRecord, hookimpl
+from meshmark.extension.parameters import with_defaults
 
 SDF_PARAMETERS = {
     "cone_angle": 120.0,

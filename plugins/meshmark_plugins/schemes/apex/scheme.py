@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.carrier import Sighting
-from meshmark.interfaces import GeodesicSolver, Segmenter
+from meshmark.extension.carrier import Sighting
+from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.statistics.word_windows import Placement
 from meshmark_plugins.schemes.apex.anchors import distance_to_border

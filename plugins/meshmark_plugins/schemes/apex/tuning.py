@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from meshmark.plugin_parameters import require_number, require_whole
+from meshmark.extension.parameters import require_number, require_whole
 
 WHAT = "scheme apex"
 

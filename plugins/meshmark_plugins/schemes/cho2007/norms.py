@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.carrier import Carrier
+from meshmark.extension.carrier import Carrier
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

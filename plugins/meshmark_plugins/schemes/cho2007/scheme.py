@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.carrier import Carrier, measure
 from meshmark.errors import CapacityError, UsageError
-from meshmark.interfaces import GeodesicSolver, Segmenter
+from meshmark.extension.carrier import Carrier, measure
+from meshmark.extension.interfaces import GeodesicSolver, Segmenter
+from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.animation import Frame
-from meshmark.plugin_parameters import require_number, require_whole
 from meshmark_plugins.schemes.cho2007.norms import NormBins, bin_norms
 from meshmark_plugins.schemes.cho2007.power import exponents
 

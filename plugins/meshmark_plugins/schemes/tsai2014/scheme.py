@@ -10,9 +10,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.carrier import Carrier
 from meshmark.errors import CapacityError, UsageError
-from meshmark.interfaces import GeodesicSolver, Segmenter
+from meshmark.extension.carrier import Carrier
+from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import Part, split

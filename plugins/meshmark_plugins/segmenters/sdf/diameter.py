@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.arrays import mesh_arrays
 from meshmark.mesh.open3d_import import load_open3d
 from meshmark.mesh.topology import face_adjacency
-from meshmark.plugin_parameters import require_number, require_whole
 from meshmark_plugins.segmenters.sdf.dual import normals_and_areas, unit_corners
 
 FloatArray = NDArray[np.float64]

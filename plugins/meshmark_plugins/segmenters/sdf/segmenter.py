@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshmark.errors import UsageError
+from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.arrays import mesh_arrays
-from meshmark.plugin_parameters import require_number, require_whole
 from meshmark_plugins.segmenters.sdf.creases import cut_costs
 from meshmark_plugins.segmenters.sdf.cut import expand
 from meshmark_plugins.segmenters.sdf.diameter import shape_diameter

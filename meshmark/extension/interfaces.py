@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.carrier import Carrier, Sighting
+from meshmark.extension.carrier import Carrier, Sighting
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 
 FloatArray = NDArray[np.float64]

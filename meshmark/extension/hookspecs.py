@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import pluggy
 
-from meshmark.interfaces import Attack, GeodesicSolver, Reader, Scheme, Segmenter
+from meshmark.extension.interfaces import Attack, GeodesicSolver, Reader, Scheme, Segmenter
 
 __all__ = [
     "PROJECT",
@@ -105,7 +105,7 @@ def meshmark_readers() -> Iterable[ReaderRecord]:  # type: ignore[empty-body]
 
     Examples
     --------
-    >>> from meshmark.hookspecs import ReaderRecord, hookimpl
+    >>> from meshmark.extension.hookspecs import ReaderRecord, hookimpl
     >>> def off_reader():
     ...     from my_package.off import OffReader
     ...     return OffReader()
@@ -126,7 +126,7 @@ def meshmark_segmenters() -> Iterable[SegmenterRecord]:  # type: ignore[empty-bo
     Examples
     --------
     >>> import numpy as np
-    >>> from meshmark.hookspecs import SegmenterRecord, hookimpl
+    >>> from meshmark.extension.hookspecs import SegmenterRecord, hookimpl
     >>> from meshmark.mesh.topology import face_components
     >>> class Components:
     ...     def segment(self, V, F):
@@ -147,7 +147,7 @@ def meshmark_geodesic_solvers() -> Iterable[GeodesicSolverRecord]:  # type: igno
     Examples
     --------
     >>> import numpy as np
-    >>> from meshmark.hookspecs import GeodesicSolverRecord, hookimpl
+    >>> from meshmark.extension.hookspecs import GeodesicSolverRecord, hookimpl
     >>> class Straight:
     ...     def __init__(self, V, F):
     ...         self.V = V
@@ -171,7 +171,7 @@ def meshmark_schemes() -> Iterable[SchemeRecord]:  # type: ignore[empty-body]
 
     Examples
     --------
-    >>> from meshmark.hookspecs import SchemeRecord, hookimpl
+    >>> from meshmark.extension.hookspecs import SchemeRecord, hookimpl
     >>> def my_scheme(*, segmenter, solver, bits=16, strength=0.05):
     ...     from my_package.scheme import MyScheme
     ...     return MyScheme(segmenter, solver, bits, strength)
@@ -192,7 +192,7 @@ def meshmark_attacks() -> Iterable[AttackRecord]:  # type: ignore[empty-body]
     Examples
     --------
     >>> from dataclasses import dataclass
-    >>> from meshmark.hookspecs import AttackRecord, hookimpl
+    >>> from meshmark.extension.hookspecs import AttackRecord, hookimpl
     >>> @dataclass(frozen=True)
     ... class Mirror:
     ...     def apply(self, animation, rng):

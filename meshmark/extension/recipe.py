@@ -9,10 +9,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.errors import UsageError
-from meshmark.interfaces import AnyScheme, GeodesicSolver, Segmenter
-from meshmark.plugins import Offer, catalogue, check_parameters, make_segmenter
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
+from meshmark.extension.registry import Offer, catalogue, check_parameters, make_segmenter
 
 Parameters = Mapping[str, Any]
 

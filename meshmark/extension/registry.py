@@ -11,9 +11,9 @@ from typing import Any, cast
 
 import pluggy
 
-from meshmark import hookspecs
 from meshmark.errors import MeshmarkError, PluginError, UsageError
-from meshmark.hookspecs import PROJECT, Attack, PluginRecord, Reader, Segmenter
+from meshmark.extension import hookspecs
+from meshmark.extension.hookspecs import PROJECT, Attack, PluginRecord, Reader, Segmenter
 
 STRICT_VARIABLE = "MESHMARK_STRICT_PLUGINS"
 
