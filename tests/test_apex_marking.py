@@ -15,7 +15,7 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors
-from meshmark.surface_distance import mrms, surface_distance
+from meshmark.metrics.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.consensus import (

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import unit
-from meshmark.surface_distance import mrms
+from meshmark.metrics.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex import displacement as displacing
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve

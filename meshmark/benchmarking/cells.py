@@ -20,8 +20,8 @@ from meshmark.gathering import gather
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion
+from meshmark.metrics.surface_distance import surface_distance
 from meshmark.sources import texture_coordinates
-from meshmark.surface_distance import surface_distance
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import judge_all
 

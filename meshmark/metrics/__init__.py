@@ -7,8 +7,8 @@ compare the same vertices before and after. `docs/metrics.md` has them all on on
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
 from meshmark.metrics.motion import flicker, flicker_world, jitter
 from meshmark.metrics.summary import Distortion, distortion
+from meshmark.metrics.surface_distance import SurfaceDistance, hausdorff, mrms, surface_distance
 from meshmark.metrics.texture import texture_drift
-from meshmark.surface_distance import SurfaceDistance, hausdorff, mrms, surface_distance
 
 __all__ = [
     "Distortion",

@@ -13,8 +13,8 @@ from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
 from meshmark.metrics.motion import Flicker, Jitter
+from meshmark.metrics.surface_distance import surface_distance
 from meshmark.metrics.texture import texture_drift
-from meshmark.surface_distance import surface_distance
 from meshmark.workers.ordered_map import ordered_map
 
 FloatArray = NDArray[np.float64]

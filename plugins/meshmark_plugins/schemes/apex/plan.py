@@ -11,7 +11,7 @@ from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.flip_guard import restrain
-from meshmark.surface_distance import surface_distance
+from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
 from meshmark.workers.scratch import ScratchFile
 from meshmark_plugins.schemes.apex.chain import solve_keys
