@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from meshmark.delivery.unmarked import split_fit
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import Frame
-from meshmark.unmarked import split_fit
 from meshmark.usd.checking import check_stage
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.opening import stage_files

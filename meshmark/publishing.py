@@ -9,6 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from meshmark.delivery.unmarked import (
+    require_allowed,
+    require_extent,
+    require_small,
+    split_fit,
+    split_in_place,
+    unasked,
+)
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.json_values import number
@@ -29,14 +37,6 @@ from meshmark.sources import (
     source_digests,
     texture_coordinates,
     writer,
-)
-from meshmark.unmarked import (
-    require_allowed,
-    require_extent,
-    require_small,
-    split_fit,
-    split_in_place,
-    unasked,
 )
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import judge_all

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.clouds import find_cloud
-from meshmark.copies import Match, Shape, find_in_order
+from meshmark.delivery.clouds import find_cloud
+from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.testing.attacks import sphere
 from meshmark.testing.meshes import icosphere
 

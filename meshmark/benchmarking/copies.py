@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.benchmarking.subjects import Subject, select_frames
+from meshmark.delivery.unmarked import split_fit, split_in_place
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.marking import embed
 from meshmark.mesh.animation import Asset
 from meshmark.outputs import complete
 from meshmark.sources import read, writer
-from meshmark.unmarked import split_fit, split_in_place
 
 MeshProgress = Callable[[str, int, int], None]
 

@@ -63,7 +63,7 @@ def write_flattened(
     - the default of points that have time samples goes: it would be an unmarked pose;
     - copies of the points of marked meshes, such as a reference pose in a primvar or a mesh that
       was not marked, get the marked points: whatever their type, scale, place and order, and
-      where points are missing (`meshmark.copies`, `meshmark.clouds`);
+      where points are missing (`meshmark.delivery.copies`, `meshmark.delivery.clouds`);
     - what tells of the studio goes (`meshmark.usd.metadata`), unless it is to be kept;
     - paths to textures become relative to the output where they can; textures that lie inside a
       .usdz are copied into the folder `<name of output>.assets` beside the output; paths to

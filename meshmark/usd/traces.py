@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from meshmark.clouds import find_cloud
-from meshmark.copies import Match, Shape, find_in_order
+from meshmark.delivery.clouds import find_cloud
+from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
 from meshmark.usd.geometry import local_points, local_to_world, polygons
 from meshmark.usd.layers import extent, vector_array

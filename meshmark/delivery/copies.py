@@ -2,7 +2,7 @@
 
 A copy may have been scaled, turned, sheared, shifted, rounded; its points may be in another
 order, one for each corner of a face, or some of them missing. Rows whose vertices are known are
-compared by a least-squares fit, here; others, in `meshmark.clouds`, by aligning the two clouds and
+compared by a least-squares fit, here; others, in `meshmark.delivery.clouds`, by aligning the two clouds and
 pairing nearest points.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from meshmark.affine import Frame, fit, frames_of, relative, with_ones
+from meshmark.delivery.affine import Frame, fit, frames_of, relative, with_ones
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from meshmark.affine import Frame, fit, frames_of, inverse, relative, with_ones
-from meshmark.copies import MIN_POINTS, TOLERANCE, Match, Pose, Shape
+from meshmark.delivery.affine import Frame, fit, frames_of, inverse, relative, with_ones
+from meshmark.delivery.copies import MIN_POINTS, TOLERANCE, Match, Pose, Shape
 
 FloatArray = NDArray[np.float64]
 
