@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from meshmark.marking import MarkedAsset, embed
     from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
     from meshmark.publishing import mark_file
-    from meshmark.sources import read, write
+    from meshmark.sources.readers import read, write
     from meshmark.verdict import Verdict
     from meshmark.verification import verify
 
@@ -79,7 +79,7 @@ _HOMES = {
     "marking": ("MarkedAsset", "embed"),
     "publishing": ("mark_file",),
     "extension.recipe": ("Recipe",),
-    "sources": ("read", "write"),
+    "sources.readers": ("read", "write"),
     "verdict": ("Verdict",),
     "verification": ("verify",),
 }

@@ -15,7 +15,7 @@ from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_attack, make_reader
 from meshmark.files.places import require_apart
 from meshmark.mesh.animation import Asset
-from meshmark.sources import LAYER_SUFFIXES, files_in_reach
+from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach
 
 
 def attack_from_text(name: str, parameters: Sequence[str]) -> Attack:

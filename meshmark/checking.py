@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.isolation.limits import Limits
-from meshmark.isolation.report import describe_error, error_from
 from meshmark.manifest import manifest_path
-from meshmark.sources import STAGE_SUFFIXES
+from meshmark.sources.isolation.limits import Limits
+from meshmark.sources.isolation.report import describe_error, error_from
+from meshmark.sources.readers import STAGE_SUFFIXES
 
 
 def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from meshmark.gathering import AssetEvidence, gather
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset
-from meshmark.sources import read, source_digests, source_files
+from meshmark.sources.readers import read, source_digests, source_files
 
 
 def kept_evidence(

@@ -67,7 +67,7 @@ def file_hashes(files: Iterable[tuple[str, str]], folder: Path) -> list[dict[str
     Parameters
     ----------
     files : iterable of (str, str)
-        Absolute path and SHA-256; see `meshmark.sources.source_digests`.
+        Absolute path and SHA-256; see `meshmark.sources.readers.source_digests`.
 
     Returns
     -------

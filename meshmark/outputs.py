@@ -11,7 +11,7 @@ from meshmark.files.places import assets_folder, require_apart, require_names_fi
 from meshmark.manifest import manifest_path
 from meshmark.marking import MarkedAsset
 from meshmark.mesh.animation import Asset
-from meshmark.sources import LAYER_SUFFIXES, files_in_reach, read
+from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach, read
 
 
 def check_output(target: Path, source: str | Path | Asset, deliver: bool) -> None:

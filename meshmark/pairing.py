@@ -16,7 +16,7 @@ from typing import Any
 from meshmark.errors import InputError
 from meshmark.files.atomic import read_small
 from meshmark.manifest import manifest_path, write_bytes, write_json
-from meshmark.sources import sha256
+from meshmark.sources.readers import sha256
 
 # Bytes of a manifest.
 LONGEST = 1 << 26

@@ -22,7 +22,6 @@ from meshmark.extension.recipe import Recipe
 from meshmark.files.json_values import number
 from meshmark.files.locks import held
 from meshmark.gathering import gather
-from meshmark.isolation.reading import read_isolated
 from meshmark.keys import Key
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
@@ -31,7 +30,8 @@ from meshmark.metrics import distortion
 from meshmark.outputs import check_output, complete, reread
 from meshmark.pairing import announced, output_hashes
 from meshmark.recipients import recipient_name
-from meshmark.sources import (
+from meshmark.sources.isolation.reading import read_isolated
+from meshmark.sources.readers import (
     read,
     require_unchanged,
     source_digests,

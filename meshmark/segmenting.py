@@ -15,7 +15,7 @@ from meshmark.extension.registry import catalogue, make_segmenter
 from meshmark.mesh.animation import Asset, Frame
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
-from meshmark.sources import LAYER_SUFFIXES
+from meshmark.sources.readers import LAYER_SUFFIXES
 
 IntArray = NDArray[np.int64]
 Labels = Mapping[str, list[IntArray]]

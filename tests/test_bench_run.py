@@ -20,7 +20,7 @@ from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset
 from meshmark.resources import schema_folder
-from meshmark.sources import write
+from meshmark.sources.readers import write
 from meshmark.testing.meshes import dumbbell
 
 SUITE = Suite(

@@ -203,7 +203,7 @@ def test_unknown_commands_and_missing_arguments(run) -> None:
 
 
 def test_a_bug_is_said_to_be_one(run, monkeypatch, tmp_path) -> None:
-    from meshmark import sources
+    from meshmark.sources import readers as sources
 
     def broken(*_: object, **__: object) -> Asset:
         raise ZeroDivisionError("inside")

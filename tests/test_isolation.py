@@ -20,11 +20,11 @@ from usd_stages import CUBE_POINTS, cube, sampled, write_text
 
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
-from meshmark.isolation import reading
-from meshmark.isolation.reading import read_isolated
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
-from meshmark.sources import read, source_digests, texture_coordinates
+from meshmark.sources.isolation import reading
+from meshmark.sources.isolation.reading import read_isolated
+from meshmark.sources.readers import read, source_digests, texture_coordinates
 from meshmark.testing.meshes import icosphere
 
 CRASHING = Path(__file__).parent / "faults" / "crate-crash" / "usdc.1.205.usdc"

@@ -21,7 +21,7 @@ from meshmark.marking import embed
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 from meshmark.mesh.precision import rounding, rounding_of
 from meshmark.resources import schema_folder
-from meshmark.sources import read
+from meshmark.sources.readers import read
 from meshmark.testing.attacks import sphere
 
 KEY = Key(bytes(range(32)))

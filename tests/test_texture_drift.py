@@ -16,7 +16,7 @@ from meshmark.marking import as_asset
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.metrics import distortion, texture_drift
 from meshmark.publishing import mark_file
-from meshmark.sources import read, texture_coordinates
+from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution
 from meshmark.testing.schemes import swaying
 

@@ -21,7 +21,7 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion
 from meshmark.metrics.surface_distance import surface_distance
-from meshmark.sources import texture_coordinates
+from meshmark.sources.readers import texture_coordinates
 from meshmark.verdict import PrimVerdict, Verdict
 from meshmark.verification import judge_all
 

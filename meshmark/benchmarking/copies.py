@@ -15,7 +15,7 @@ from meshmark.keys import Key
 from meshmark.marking import embed
 from meshmark.mesh.animation import Asset
 from meshmark.outputs import complete
-from meshmark.sources import read, writer
+from meshmark.sources.readers import read, writer
 
 MeshProgress = Callable[[str, int, int], None]
 

@@ -11,7 +11,7 @@ import numpy as np
 from meshmark.manifest import file_hashes
 from meshmark.mesh.animation import Asset, InMemoryFrames, MeshAnimation
 from meshmark.mesh.frame_range import frames_in
-from meshmark.sources import read, source_digests
+from meshmark.sources.readers import read, source_digests
 
 # Two frames this near each other count as one: RMS over the points, share of the diagonal.
 REPEATED = 1e-3

@@ -26,7 +26,7 @@ def attack(
     """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.attacking import attack_asset, attack_from_text, write_attacked
     from meshmark.outputs import check_output
-    from meshmark.sources import read
+    from meshmark.sources.readers import read
 
     made = attack_from_text(name, parameters)
     asset = read(source, isolated=not trusted)

@@ -32,7 +32,7 @@ def inspect(
     """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
     from meshmark.extension.recipe import recipe_from_text
     from meshmark.inspection import inspect_asset
-    from meshmark.sources import read
+    from meshmark.sources.readers import read
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings)
     document = inspect_asset(read(source, isolated=not trusted), recipe)

@@ -25,7 +25,7 @@ def segment(
     """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
     from meshmark.outputs import check_output
     from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
-    from meshmark.sources import read
+    from meshmark.sources.readers import read
 
     asset = read(source, isolated=not trusted)
     check_output(output, asset, deliver=False)

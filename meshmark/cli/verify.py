@@ -168,7 +168,7 @@ def _names(recipients: Sequence[str]) -> list[str]:
 
 
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
-    from meshmark.sources import read
+    from meshmark.sources.readers import read
     from meshmark.verification import judge_all
     from meshmark.verification import verify as verify_asset
     from meshmark.workers.ordered_map import default_jobs

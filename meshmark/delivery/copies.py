@@ -2,8 +2,8 @@
 
 A copy may have been scaled, turned, sheared, shifted, rounded; its points may be in another
 order, one for each corner of a face, or some of them missing. Rows whose vertices are known are
-compared by a least-squares fit, here; others, in `meshmark.delivery.clouds`, by aligning the two clouds and
-pairing nearest points.
+compared by a least-squares fit, here; others, in `meshmark.delivery.clouds`, by aligning the two
+clouds and pairing nearest points.
 """
 
 from __future__ import annotations

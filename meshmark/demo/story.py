@@ -16,7 +16,7 @@ from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
 from meshmark.publishing import Progress, mark_file
-from meshmark.sources import read
+from meshmark.sources.readers import read
 from meshmark.verdict import Verdict
 from meshmark.verification import verify
 

@@ -331,11 +331,11 @@ class SourceFacts(Protocol):
 
     @property
     def reach(self) -> tuple[str, ...]:
-        """Every file it could use; see `meshmark.sources.files_in_reach`."""
+        """Every file it could use; see `meshmark.sources.readers.files_in_reach`."""
         ...
 
     def texture_coordinates(self, prim: str) -> FloatArray | None:
-        """Return those of a mesh; see `meshmark.sources.texture_coordinates`."""
+        """Return those of a mesh; see `meshmark.sources.readers.texture_coordinates`."""
         ...
 
 

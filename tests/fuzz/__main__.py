@@ -40,7 +40,7 @@ LOADED = (
         "meshmark.verification",
     ),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),
-    *("meshmark.isolation.reading", "meshmark.isolation.child"),
+    *("meshmark.sources.isolation.reading", "meshmark.sources.isolation.child"),
     *("fast_simplification", "open3d", "potpourri3d", "pygeodesic.geodesic"),
     *("scipy.sparse.linalg", "scipy.spatial"),
 )

@@ -15,7 +15,7 @@ TICK = 0.002  # seconds
 
 def fork_readers(wanted: bool) -> None:
     """Let reading processes be forked from this one from now on, or started anew."""
-    from meshmark.isolation import reading
+    from meshmark.sources.isolation import reading
 
     forked = SimpleNamespace(
         Popen=ForkedReader,
@@ -67,7 +67,7 @@ class ForkedReader:
 
 
 def _read(command: Sequence[str], out: int, err: int, env: Mapping[str, str]) -> None:
-    from meshmark.isolation import child
+    from meshmark.sources.isolation import child
 
     code = 1
     try:

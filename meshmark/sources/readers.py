@@ -42,7 +42,7 @@ def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = Fals
         Paths of the meshes wanted; all where empty.
     isolated : bool
         For files nobody vouches for: all is read now, in a process of its own with limits on
-        memory and time; see `meshmark.isolation.reading`.
+        memory and time; see `meshmark.sources.isolation.reading`.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = Fals
     name = str(source)
     require_no_device(Path(name))
     if isolated:
-        from meshmark.isolation.reading import read_isolated
+        from meshmark.sources.isolation.reading import read_isolated
 
         return read_isolated(name, prims)
     if is_stage(name):

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 
 from meshmark import errors
 from meshmark.errors import MeshmarkError
-from meshmark.isolation.frames import (
+from meshmark.mesh.animation import Asset, MeshAnimation, Topology
+from meshmark.sources.isolation.frames import (
     ArrayWriter,
     IsolatedFrames,
     read_floats,
     read_integers,
     require_within,
 )
-from meshmark.mesh.animation import Asset, MeshAnimation, Topology
-from meshmark.sources import texture_coordinates
+from meshmark.sources.readers import texture_coordinates
 
 FloatArray = NDArray[np.float64]
 Files = tuple[tuple[str, str], ...]

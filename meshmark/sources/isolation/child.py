@@ -1,4 +1,4 @@
-"""The process that reads: `python -P -m meshmark.isolation.child FOLDER SOURCE TEXTURES PRIM...`.
+"""The process that reads, run with `python -P -m`: FOLDER SOURCE TEXTURES PRIM...
 
 A byte on stdout says that it goes on; what it has read is left in the folder.
 """
@@ -16,10 +16,16 @@ from typing import Any
 
 from meshmark.errors import InputError, MeshmarkError, OutputError
 from meshmark.files.temporary import no_room
-from meshmark.isolation.frames import ArrayWriter
-from meshmark.isolation.limits import DISK_VARIABLE, Limits
-from meshmark.isolation.report import ARRAYS, REPORT, WITH_TEXTURES, describe_asset, describe_error
-from meshmark.sources import files_in_reach, read, sha256, source_files
+from meshmark.sources.isolation.frames import ArrayWriter
+from meshmark.sources.isolation.limits import DISK_VARIABLE, Limits
+from meshmark.sources.isolation.report import (
+    ARRAYS,
+    REPORT,
+    WITH_TEXTURES,
+    describe_asset,
+    describe_error,
+)
+from meshmark.sources.readers import files_in_reach, read, sha256, source_files
 
 
 class Reading:

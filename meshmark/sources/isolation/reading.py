@@ -15,8 +15,9 @@ from typing import Any
 
 from meshmark.errors import InputError
 from meshmark.files.temporary import ScratchFolder
-from meshmark.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
-from meshmark.isolation.report import (
+from meshmark.mesh.animation import Asset
+from meshmark.sources.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
+from meshmark.sources.isolation.report import (
     ARRAYS,
     REPORT,
     WITH_TEXTURES,
@@ -24,10 +25,9 @@ from meshmark.isolation.report import (
     asset_from,
     error_from,
 )
-from meshmark.mesh.animation import Asset
-from meshmark.sources import is_stage
+from meshmark.sources.readers import is_stage
 
-PROGRAM = "meshmark.isolation.child"
+PROGRAM = "meshmark.sources.isolation.child"
 COMPLAINTS = "stderr"
 # Python and its modules may come from far away.
 TO_START = 60.0  # seconds
