@@ -20,10 +20,10 @@ from typing import Any
 from measuring import PAGES, Run, data_folder, repeat, run, table
 
 from meshmark import read
-from meshmark.detection import Extraction
+from meshmark.detection.extraction import Extraction
+from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding import embed_animation
 from meshmark.extension.recipe import Recipe
-from meshmark.judging import judge
 from meshmark.keys import Key
 
 KEY = Key(bytes(range(32)))
@@ -48,7 +48,7 @@ EMBED_STAGES = (
     (f"{APEX}.plan", "surface_distance", "keeping to the limit"),
 )
 SIGHT_STAGES = (
-    ("meshmark.detection", "unsmooth", "undoing smoothing"),
+    ("meshmark.detection.extraction", "unsmooth", "undoing smoothing"),
     (f"{APEX}.survey", "split", "pieces"),
     (f"{APEX}.radial", "RadialDistances.__init__", "distances: factors"),
     (f"{APEX}.radial", "RadialDistances.from_vertex", "distances: solves"),

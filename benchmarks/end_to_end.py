@@ -21,10 +21,10 @@ import matplotlib.pyplot as plt
 from measuring import PAGES, Run, data_folder, repeat, run, table
 
 from meshmark import Key, read
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import gather
+from meshmark.detection.hypothesis_test import log10_p_of
 from meshmark.extension.recipe import Recipe
-from meshmark.gathering import gather
-from meshmark.judging import log10_p_of
 
 # Distortion of the published method, relative to nothing: the paper does not say. Its meshes
 # are compared by ours relative to the bounding-box diagonal.

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import meshmark
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import gather
+from meshmark.detection.hypothesis_test import log10_p_of
+from meshmark.detection.verdict import shares
 from meshmark.extension.recipe import Recipe
-from meshmark.gathering import gather
-from meshmark.judging import log10_p_of
 from meshmark.keys import Key
-from meshmark.verdict import shares
 from meshmark.workers.ordered_map import default_jobs, ordered_map
 
 FloatArray = NDArray[np.float64]

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 from meshmark.version import __version__
 
 if TYPE_CHECKING:
+    from meshmark.detection.verdict import Verdict
+    from meshmark.detection.verify import verify
     from meshmark.errors import (
         CapacityError,
         InputError,
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
     from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
     from meshmark.publishing import mark_file
     from meshmark.sources.readers import read, write
-    from meshmark.verdict import Verdict
-    from meshmark.verification import verify
 
 __all__ = [
     "Asset",
@@ -80,8 +80,8 @@ _HOMES = {
     "publishing": ("mark_file",),
     "extension.recipe": ("Recipe",),
     "sources.readers": ("read", "write"),
-    "verdict": ("Verdict",),
-    "verification": ("verify",),
+    "detection.verdict": ("Verdict",),
+    "detection.verify": ("verify",),
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.detection import extract
+from meshmark.detection.extraction import extract
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.interfaces import JointScheme

@@ -61,7 +61,7 @@ def _geodesic(offer: Offer) -> list[str]:
 
 
 def _scheme(offer: Offer) -> list[str]:
-    from meshmark.detection import extract
+    from meshmark.detection.extraction import extract
 
     segmenter = catalogue().make("segmenter", DEFAULT_SEGMENTER)
     solver = SolverFactory(DEFAULT_GEODESIC, {})

@@ -17,11 +17,13 @@ from meshmark.delivery.unmarked import (
     split_in_place,
     unasked,
 )
+from meshmark.detection.gathering import gather
+from meshmark.detection.verdict import PrimVerdict, Verdict
+from meshmark.detection.verify import judge_all
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.json_values import number
 from meshmark.files.locks import held
-from meshmark.gathering import gather
 from meshmark.keys import Key
 from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
 from meshmark.marking import MarkedAsset, MarkedMesh, embed
@@ -38,8 +40,6 @@ from meshmark.sources.readers import (
     texture_coordinates,
     writer,
 )
-from meshmark.verdict import PrimVerdict, Verdict
-from meshmark.verification import judge_all
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import sharing_workers
 

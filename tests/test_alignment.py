@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.alignment import Aligned, aligned, by_looks, by_place, in_order
+from meshmark.detection.carrier_matching import Aligned, aligned, by_looks, by_place, in_order
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement

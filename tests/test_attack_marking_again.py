@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.detection.verify import verify
 from meshmark.errors import InputError
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.marking import embed
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import bumpy_sphere
-from meshmark.verification import verify
 from meshmark_plugins.attacks import RECORDS
 
 RECORD = {record.name: record for record in RECORDS}["marking-again"]

@@ -20,14 +20,14 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.strand import Strand
+from meshmark.detection.verdict import decide
 from meshmark.extension.recipe import Recipe
 from meshmark.marking import as_asset
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.resources import schema_folder
-from meshmark.strand import Strand
 from meshmark.testing.attacks import sphere
-from meshmark.verdict import decide
 
 HORSE = Subject("horse-gallop", "horse-gallop.usdc", None, (("horse-gallop.usdc", "0" * 64),))
 NOISE = Cell("noise", {"amplitude": 0.0005}, "frame", "noise 0.05 %", "noise")

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.detection import extract
+from meshmark.detection.extraction import extract
+from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import measure
 from meshmark.extension.registry import make_attack
-from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.metrics import distortion

@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
-from meshmark.detection import Extraction, extract
+from meshmark.detection.extraction import Extraction, extract
+from meshmark.detection.hypothesis_test import judge
+from meshmark.detection.looks import LOOKS, verify_in_looks
+from meshmark.detection.strand import in_steps
+from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
-from meshmark.judging import judge
 from meshmark.keys import Key
-from meshmark.looks import LOOKS, verify_in_looks
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.statistics.word_windows import Placement
-from meshmark.strand import in_steps
 from meshmark.testing.meshes import icosphere
-from meshmark.verification import verify
 
 KEY = Key(bytes(range(32)))
 NAME, M, K = "oracle", 4, 16

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.bit_errors import bit_errors
-from meshmark.evidence import Evidence
+from meshmark.detection.bit_error_rate import bit_errors
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.hypothesis_test import SHORT_LIST, TOGETHER, judge, log10_p_of
+from meshmark.detection.strand import STEPS, Strand
+from meshmark.detection.verdict import decide, shares
 from meshmark.extension.carrier import Carrier, measure, sighting_of
-from meshmark.judging import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.keys import Key
 from meshmark.statistics.p_values import word_log_e_means
 from meshmark.statistics.word_windows import Placement
-from meshmark.strand import STEPS, Strand
-from meshmark.verdict import decide, shares
 
 KEY = Key(bytes(range(32)))
 OTHER = Key(bytes(range(1, 33)))

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmark import evidence_reuse
+from meshmark.detection import evidence_cache
+from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.errors import InputError, UsageError
-from meshmark.evidence_reuse import kept_evidence
 from meshmark.extension.recipe import Recipe
 from meshmark.testing.meshes import bumpy_sphere
 
@@ -49,7 +49,7 @@ def removed(path: Path) -> None:
 def test_a_source_that_changes_while_it_is_measured_leaves_no_evidence(
     source, monkeypatch, change
 ) -> None:
-    gather = evidence_reuse.gather
+    gather = evidence_cache.gather
 
     def meanwhile(*args, **options):
         found = gather(*args, **options)
@@ -58,7 +58,7 @@ def test_a_source_that_changes_while_it_is_measured_leaves_no_evidence(
 
     evidence = source.with_name("e")
     with monkeypatch.context() as patch:
-        patch.setattr(evidence_reuse, "gather", meanwhile)
+        patch.setattr(evidence_cache, "gather", meanwhile)
         with pytest.raises(InputError, match=r"ball\.obj: (changed while|cannot be read)"):
             kept_evidence(str(source), evidence, recipes=RECIPES)
     assert not evidence.exists()

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import meshmark
-from meshmark.candidates import candidates
+from meshmark.detection.candidates import candidates
+from meshmark.detection.verdict import Verdict
 from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.mesh.topology import face_adjacency
 from meshmark.testing.meshes import plane, side_by_side, torus
-from meshmark.verdict import Verdict
 
 FAULTS = Path(__file__).parent / "faults"
 NAMES = ["acme", "globex"]

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.detection.interpolated_frames import own_poses
 from meshmark.extension.registry import make_attack
-from meshmark.in_betweens import own_poses
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import icosphere
 

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from publishing_run import CHANGES, KEY
 
-from meshmark import evidence_reuse, publishing
+from meshmark import publishing
+from meshmark.detection import evidence_cache
+from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.errors import InputError, OutputError
-from meshmark.evidence_reuse import kept_evidence
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
 from meshmark.manifest import manifest_path
@@ -297,17 +298,17 @@ def test_of_runs_that_race_for_one_output_one_wins(source, tmp_path) -> None:
 def test_two_that_measure_the_same_evidence_at_once_leave_one(
     source, tmp_path, monkeypatch
 ) -> None:
-    gather = evidence_reuse.gather
+    gather = evidence_cache.gather
     other = []
 
     def meanwhile(*args, **options):
         found = gather(*args, **options)
         with monkeypatch.context() as patch:
-            patch.setattr(evidence_reuse, "gather", gather)
+            patch.setattr(evidence_cache, "gather", gather)
             other.append(kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE]))
         return found
 
-    monkeypatch.setattr(evidence_reuse, "gather", meanwhile)
+    monkeypatch.setattr(evidence_cache, "gather", meanwhile)
     mine = kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE])
     again = kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE])
     assert mine.items[0].chips == other[0].items[0].chips == again.items[0].chips

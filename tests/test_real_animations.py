@@ -11,11 +11,11 @@ import pytest
 
 from meshmark import Key, mark_file, read, verify
 from meshmark.attacking import attack_asset
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import gather
+from meshmark.detection.hypothesis_test import log10_p_of
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
-from meshmark.gathering import gather
-from meshmark.judging import log10_p_of
 from meshmark.workers.ordered_map import default_jobs
 
 pytestmark = pytest.mark.slow

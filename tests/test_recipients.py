@@ -5,15 +5,15 @@ import os
 import numpy as np
 import pytest
 
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import AssetEvidence
+from meshmark.detection.strand import Strand
+from meshmark.detection.verdict import decide
+from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, UsageError
-from meshmark.evidence import Evidence
-from meshmark.gathering import AssetEvidence
 from meshmark.keys import Key
 from meshmark.recipients import LONGEST, name_or_file, read_names, recipient_name, spellings
 from meshmark.statistics.word_windows import Placement
-from meshmark.strand import Strand
-from meshmark.verdict import decide
-from meshmark.verification import judge_all
 
 KEY = Key(bytes(range(32)))
 COMPOSED, DECOMPOSED = "Andr\u00e9", "Andre\u0301"

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meshmark.detection.reference_frame import MOST_GROUPS, groups, readable, reference_frame
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.reference_frame import MOST_GROUPS, groups, readable, reference_frame
 from meshmark.testing.meshes import icosphere
 
 V, F = icosphere(2)

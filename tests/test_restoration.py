@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.detection.unsmoothing import STEPS, unsmooth
 from meshmark.mesh.animation import Frame, Topology
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
-from meshmark.restoration import STEPS, unsmooth
 from meshmark.testing.meshes import icosphere, plane
 
 

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.detection import extract
+from meshmark.detection.extraction import extract
+from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding import drive, embed_animation, settle
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.carrier import measure
 from meshmark.extension.recipe import Recipe
-from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness

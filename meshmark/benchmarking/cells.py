@@ -13,17 +13,17 @@ from meshmark.benchmarking.copies import MarkedCopy
 from meshmark.benchmarking.stages import StageClock, TimedRecipe
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.detection.gathering import gather
+from meshmark.detection.verdict import PrimVerdict, Verdict
+from meshmark.detection.verify import judge_all
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.files.json_values import number
-from meshmark.gathering import gather
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.sources.readers import texture_coordinates
-from meshmark.verdict import PrimVerdict, Verdict
-from meshmark.verification import judge_all
 
 FPR = 1e-6
 # What an unmarked frame's best part shows by luck several times in a hundred: 3 bits of 16.

@@ -23,8 +23,8 @@ from meshmark.errors import MeshmarkError
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
+    from meshmark.detection.verdict import Named, PrimVerdict, Verdict
     from meshmark.extension.recipe import Recipe
-    from meshmark.verdict import Named, PrimVerdict, Verdict
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 # Of more meshes than this, only the ones that say most are told of.
@@ -168,9 +168,9 @@ def _names(recipients: Sequence[str]) -> list[str]:
 
 
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
+    from meshmark.detection.verify import judge_all
+    from meshmark.detection.verify import verify as verify_asset
     from meshmark.sources.readers import read
-    from meshmark.verification import judge_all
-    from meshmark.verification import verify as verify_asset
     from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:
@@ -179,7 +179,7 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
             progress("verify", prim, done, total)
 
         if request.evidence is not None:
-            from meshmark.evidence_reuse import kept_evidence
+            from meshmark.detection.evidence_cache import kept_evidence
 
             found = kept_evidence(
                 source,

@@ -10,6 +10,8 @@ from typing import Any
 
 from meshmark.attacking import attack_asset, write_attacked
 from meshmark.demo import write_creature
+from meshmark.detection.verdict import Verdict
+from meshmark.detection.verify import verify
 from meshmark.errors import OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
@@ -17,8 +19,6 @@ from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
 from meshmark.publishing import Progress, mark_file
 from meshmark.sources.readers import read
-from meshmark.verdict import Verdict
-from meshmark.verification import verify
 
 SEED = 1
 FRAMES = 24

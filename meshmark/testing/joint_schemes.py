@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
-from meshmark.detection import extract
+from meshmark.detection.extraction import extract
+from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.extension.hookspecs import SchemeRecord
 from meshmark.extension.interfaces import JointScheme
-from meshmark.judging import judge
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.welding import Welding
 from meshmark.metrics.faces import flipped_faces

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshmark.detection import extract
+from meshmark.detection.extraction import extract
+from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding import embed_animation
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Carrier, Chips, measure
 from meshmark.extension.hookspecs import Scheme, SchemeRecord
-from meshmark.judging import judge
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.testing.invariance import moved, reordered

@@ -37,7 +37,7 @@ LOADED = (
         "meshmark.cli.app",
         "meshmark.extension.registry",
         "meshmark.publishing",
-        "meshmark.verification",
+        "meshmark.detection.verify",
     ),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),
     *("meshmark.sources.isolation.reading", "meshmark.sources.isolation.child"),

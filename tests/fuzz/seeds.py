@@ -117,8 +117,8 @@ def _package(files: dict[str, bytes]) -> bytes:
 def _around_a_mark(folder: Path) -> Iterator[tuple[str, str, dict[str, bytes]]]:
     """Yield a marked file with its key, names, manifest and evidence, each a kind of seed."""
     import meshmark.cli
+    from meshmark.detection.sealing import SECRET_VARIABLE
     from meshmark.keys import Key
-    from meshmark.sealing import SECRET_VARIABLE
 
     scratch = folder / "scratch" / "mark"
     scratch.mkdir(parents=True)

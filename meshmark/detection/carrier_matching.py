@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from meshmark.detection.strand import FrameEvidence
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement
-from meshmark.strand import FrameEvidence
 from meshmark.workers.spool import Made
 
 FloatArray = NDArray[np.float64]

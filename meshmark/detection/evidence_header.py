@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
 from meshmark.statistics.word_windows import WINDOW
 
 Thing = TypeVar("Thing")

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.detection.strand import Strand
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
-from meshmark.strand import Strand
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

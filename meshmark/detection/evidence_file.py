@@ -18,9 +18,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.errors import InputError
-from meshmark.evidence import Evidence
-from meshmark.evidence_header import (
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence_header import (
     EXPANSION,
     LONGEST,
     ItemHeader,
@@ -28,9 +27,10 @@ from meshmark.evidence_header import (
     header_text,
     parse_header,
 )
-from meshmark.sealing import sealed, unsealed
+from meshmark.detection.sealing import sealed, unsealed
+from meshmark.detection.strand import STEPS, FrameEvidence, Strand
+from meshmark.errors import InputError
 from meshmark.statistics.word_windows import Placement
-from meshmark.strand import STEPS, FrameEvidence, Strand
 from meshmark.workers.spool import Made, Spool
 
 FORMAT = "meshmark-evidence-3"

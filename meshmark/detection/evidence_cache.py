@@ -6,10 +6,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
+from meshmark.detection.gathering import AssetEvidence, gather
 from meshmark.errors import InputError, UsageError
-from meshmark.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.extension.recipe import Recipe, all_schemes
-from meshmark.gathering import AssetEvidence, gather
 from meshmark.manifest import file_hashes
 from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.hypothesis_test import Finding, judge_each
 from meshmark.files.json_values import number
-from meshmark.judging import Finding, judge_each
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from meshmark.bit_errors import BitErrors, bit_errors
-from meshmark.evidence import Evidence
+from meshmark.detection.bit_error_rate import BitErrors, bit_errors
+from meshmark.detection.evidence import Evidence
 from meshmark.keys import Key
 from meshmark.statistics.p_values import log10_p_words, word_log_e_means
 

@@ -13,13 +13,13 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.detection.reference_frame import groups, readable, reference_frame
 from meshmark.errors import CapacityError, InputError
 from meshmark.mesh.animation import Asset, Frame, FrameSource, MeshAnimation, Topology
 from meshmark.mesh.components import seams, sewn, surface_components
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
 from meshmark.mesh.welding import Welding
-from meshmark.reference_frame import groups, readable, reference_frame
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

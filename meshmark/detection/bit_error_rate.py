@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark.evidence import Evidence
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.strand import STEPS
 from meshmark.statistics.p_values import reading_promises
 from meshmark.statistics.word_windows import WINDOW, Placement
-from meshmark.strand import STEPS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.candidates import candidates
-from meshmark.detection import Extraction
+from meshmark.detection.candidates import candidates
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.extraction import Extraction
+from meshmark.detection.gathering import Survey, extractions
+from meshmark.detection.verdict import Verdict, decide, together
 from meshmark.errors import InputError
-from meshmark.evidence import Evidence
 from meshmark.extension.recipe import Recipe, all_schemes
-from meshmark.gathering import Survey, extractions
 from meshmark.keys import Key
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.recipients import spellings
-from meshmark.verdict import Verdict, decide, together
 from meshmark.workers.ordered_map import sharing_workers
 
 

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.alignment import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.candidates import Candidate
+from meshmark.detection.candidates import Candidate
+from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.interpolated_frames import own_poses
+from meshmark.detection.reference_frame import readable, reference_frame
+from meshmark.detection.strand import Strand, in_steps
+from meshmark.detection.unsmoothing import unsmooth
 from meshmark.errors import CapacityError, InputError
-from meshmark.evidence import Evidence
 from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.carrier import Sighting, sighting_of
 from meshmark.extension.interfaces import AnyScheme, JointScheme
-from meshmark.in_betweens import own_poses
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
-from meshmark.reference_frame import readable, reference_frame
-from meshmark.restoration import unsmooth
-from meshmark.strand import Strand, in_steps
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.spool import Made, Spool
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from meshmark.candidates import Candidate, candidates
-from meshmark.detection import Extraction
+from meshmark.detection.candidates import Candidate, candidates
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.extraction import Extraction
 from meshmark.errors import CapacityError, InputError
-from meshmark.evidence import Evidence
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.marking import MeshProgress, as_asset
 from meshmark.mesh.animation import Asset, MeshAnimation

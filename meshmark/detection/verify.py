@@ -6,15 +6,15 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from meshmark.detection.gathering import AssetEvidence, gather
+from meshmark.detection.looks import verify_in_looks
+from meshmark.detection.verdict import Verdict, decide, without_weight
 from meshmark.extension.recipe import Recipe
-from meshmark.gathering import AssetEvidence, gather
 from meshmark.keys import Key
-from meshmark.looks import verify_in_looks
 from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.mesh.frame_range import AUTO
 from meshmark.recipients import spellings
-from meshmark.verdict import Verdict, decide, without_weight
 from meshmark.workers.ordered_map import sharing_workers
 
 

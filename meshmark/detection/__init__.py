@@ -1,0 +1,1 @@
+"""From a copy to evidence, and from evidence and a key to a verdict."""
