@@ -15,7 +15,7 @@ from measuring import PAGES, data_folder, table
 from meshmark import Key, read
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding import embed_animation
+from meshmark.embedding.mesh import embed_animation
 from meshmark.extension.recipe import Recipe
 from meshmark.metrics import distortion
 from meshmark.workers.ordered_map import default_jobs

@@ -19,6 +19,9 @@ from meshmark.version import __version__
 if TYPE_CHECKING:
     from meshmark.detection.verdict import Verdict
     from meshmark.detection.verify import verify
+    from meshmark.embedding.asset import MarkedAsset, embed
+    from meshmark.embedding.file import mark_file
+    from meshmark.embedding.manifest import Manifest
     from meshmark.errors import (
         CapacityError,
         InputError,
@@ -30,10 +33,7 @@ if TYPE_CHECKING:
     )
     from meshmark.extension.recipe import Recipe
     from meshmark.keys import Key
-    from meshmark.manifest import Manifest
-    from meshmark.marking import MarkedAsset, embed
     from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
-    from meshmark.publishing import mark_file
     from meshmark.sources.readers import read, write
 
 __all__ = [
@@ -75,9 +75,9 @@ _HOMES = {
         "WorkerError",
     ),
     "keys": ("Key",),
-    "manifest": ("Manifest",),
-    "marking": ("MarkedAsset", "embed"),
-    "publishing": ("mark_file",),
+    "embedding.manifest": ("Manifest",),
+    "embedding.asset": ("MarkedAsset", "embed"),
+    "embedding.file": ("mark_file",),
     "extension.recipe": ("Recipe",),
     "sources.readers": ("read", "write"),
     "detection.verdict": ("Verdict",),

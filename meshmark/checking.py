@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.manifest import manifest_path
 from meshmark.sources.isolation.limits import Limits
 from meshmark.sources.isolation.report import describe_error, error_from
 from meshmark.sources.readers import STAGE_SUFFIXES

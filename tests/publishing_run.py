@@ -11,10 +11,10 @@ import os
 import signal
 import sys
 
+from meshmark.embedding.file import mark_file
 from meshmark.errors import MeshmarkError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.publishing import mark_file
 
 KEY = Key(bytes(range(32)))
 CHANGES = ("replace", "rename", "unlink", "link")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from meshmark.detection.verify import verify
+from meshmark.embedding.asset import embed
 from meshmark.errors import InputError
 from meshmark.keys import KEY_BYTES, Key
-from meshmark.marking import embed
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import bumpy_sphere

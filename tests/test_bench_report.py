@@ -23,8 +23,8 @@ from meshmark.cli.bench import exit_code
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.strand import Strand
 from meshmark.detection.verdict import decide
+from meshmark.embedding.asset import as_asset
 from meshmark.extension.recipe import Recipe
-from meshmark.marking import as_asset
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.resources import schema_folder
 from meshmark.testing.attacks import sphere

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from publishing_run import CHANGES, KEY
 
-from meshmark import publishing
 from meshmark.detection import evidence_cache
 from meshmark.detection.evidence_cache import kept_evidence
+from meshmark.embedding import file as publishing
+from meshmark.embedding.file import mark_file
+from meshmark.embedding.manifest import manifest_path
+from meshmark.embedding.pairing import announced, output_hashes, remark
 from meshmark.errors import InputError, OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
-from meshmark.manifest import manifest_path
-from meshmark.pairing import announced, output_hashes, remark
-from meshmark.publishing import mark_file
 from meshmark.resources import schema_folder
 from meshmark.testing.meshes import bumpy_sphere
 

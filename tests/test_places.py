@@ -11,9 +11,9 @@ from pxr import Sdf
 from usd_stages import cube, moved, write_text
 
 from meshmark.attacking import write_attacked
+from meshmark.embedding.outputs import check_output
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.outputs import check_output
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override

@@ -9,13 +9,13 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text
 
+from meshmark.embedding.asset import as_asset
+from meshmark.embedding.file import mark_file
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.marking import as_asset
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.metrics import distortion, texture_drift
-from meshmark.publishing import mark_file
 from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution
 from meshmark.testing.schemes import swaying

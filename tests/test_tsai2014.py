@@ -5,7 +5,7 @@ import pytest
 
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding import drive, embed_animation, settle
+from meshmark.embedding.mesh import drive, embed_animation, settle
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.carrier import measure
 from meshmark.extension.recipe import Recipe

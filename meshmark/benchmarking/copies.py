@@ -10,11 +10,11 @@ from typing import Any
 
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.delivery.unmarked import split_fit, split_in_place
+from meshmark.embedding.asset import embed
+from meshmark.embedding.outputs import complete
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.marking import embed
 from meshmark.mesh.animation import Asset
-from meshmark.outputs import complete
 from meshmark.sources.readers import read, writer
 
 MeshProgress = Callable[[str, int, int], None]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.manifest import file_hashes
+from meshmark.embedding.manifest import file_hashes
 from meshmark.mesh.animation import Asset, InMemoryFrames, MeshAnimation
 from meshmark.mesh.frame_range import frames_in
 from meshmark.sources.readers import read, source_digests

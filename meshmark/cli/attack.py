@@ -25,7 +25,7 @@ def attack(
 ) -> None:
     """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.attacking import attack_asset, attack_from_text, write_attacked
-    from meshmark.outputs import check_output
+    from meshmark.embedding.outputs import check_output
     from meshmark.sources.readers import read
 
     made = attack_from_text(name, parameters)

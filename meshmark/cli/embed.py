@@ -70,8 +70,8 @@ def embed(
     json: JsonOption = False,
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
+    from meshmark.embedding.file import mark_file
     from meshmark.extension.recipe import recipe_from_text
-    from meshmark.publishing import mark_file
     from meshmark.workers.ordered_map import default_jobs
 
     own = {"strength": strength, "max_mrms": max_mrms}

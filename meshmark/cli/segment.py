@@ -23,7 +23,7 @@ def segment(
     trusted: TrustedOption = False,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
-    from meshmark.outputs import check_output
+    from meshmark.embedding.outputs import check_output
     from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
     from meshmark.sources.readers import read
 

@@ -12,12 +12,12 @@ from meshmark.attacking import attack_asset, write_attacked
 from meshmark.demo import write_creature
 from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import verify
+from meshmark.embedding.file import Progress, mark_file
 from meshmark.errors import OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
-from meshmark.publishing import Progress, mark_file
 from meshmark.sources.readers import read
 
 SEED = 1

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
+from meshmark.embedding.asset import MeshProgress
+from meshmark.embedding.manifest import file_hashes
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
-from meshmark.manifest import file_hashes
-from meshmark.marking import MeshProgress
 from meshmark.mesh.animation import Asset
 from meshmark.sources.readers import read, source_digests, source_files
 

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding import embed_animation, plan_jointly
+from meshmark.embedding.mesh import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.extension.hookspecs import SchemeRecord

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding import embed_animation
+from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Carrier, Chips, measure
 from meshmark.extension.hookspecs import Scheme, SchemeRecord

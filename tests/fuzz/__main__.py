@@ -36,7 +36,7 @@ LOADED = (
     *(
         "meshmark.cli.app",
         "meshmark.extension.registry",
-        "meshmark.publishing",
+        "meshmark.embedding.file",
         "meshmark.detection.verify",
     ),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),

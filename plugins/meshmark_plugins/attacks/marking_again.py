@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.embedding import embed_animation
+from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import KEY_BYTES, Key

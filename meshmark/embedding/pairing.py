@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from meshmark.embedding.manifest import manifest_path, write_bytes, write_json
 from meshmark.errors import InputError
 from meshmark.files.atomic import read_small
-from meshmark.manifest import manifest_path, write_bytes, write_json
 from meshmark.sources.readers import sha256
 
 # Bytes of a manifest.

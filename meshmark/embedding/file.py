@@ -20,17 +20,17 @@ from meshmark.delivery.unmarked import (
 from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import PrimVerdict, Verdict
 from meshmark.detection.verify import judge_all
+from meshmark.embedding.asset import MarkedAsset, MarkedMesh, embed
+from meshmark.embedding.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
+from meshmark.embedding.outputs import check_output, complete, reread
+from meshmark.embedding.pairing import announced, output_hashes
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.json_values import number
 from meshmark.files.locks import held
 from meshmark.keys import Key
-from meshmark.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
-from meshmark.marking import MarkedAsset, MarkedMesh, embed
 from meshmark.mesh.animation import Asset
 from meshmark.metrics import distortion
-from meshmark.outputs import check_output, complete, reread
-from meshmark.pairing import announced, output_hashes
 from meshmark.recipients import recipient_name
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import (
@@ -113,7 +113,7 @@ def mark_file(
     ------
     InputError, CapacityError, UsageError, OutputError
         Nothing is written then, unless it is what was written that cannot be verified, or its
-        source that changed meanwhile: the manifest says so (see `meshmark.pairing`).
+        source that changed meanwhile: the manifest says so (see `meshmark.embedding.pairing`).
     """
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from meshmark.embedding import Embedded, embed_animation
+from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key

@@ -1,0 +1,1 @@
+"""From an asset to a marked asset, and to a file with its manifest."""
