@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.attacking import attack_asset
+from meshmark.commands.attack import attack_asset
 from meshmark.errors import UsageError
 from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Asset, MeshAnimation

@@ -11,10 +11,10 @@ import pytest
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, array, cube, read_one, write_text
 
 from meshmark import mark_file
+from meshmark.commands.inspect import inspect_asset
 from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.recipe import Recipe
-from meshmark.inspection import inspect_asset
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.mesh.checks import bad_frames, check

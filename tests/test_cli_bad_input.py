@@ -213,7 +213,7 @@ def test_a_bug_is_said_to_be_one(run, monkeypatch, tmp_path) -> None:
 
 
 def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
-    from meshmark.attacking import write_attacked
+    from meshmark.commands.attack import write_attacked
     from meshmark.testing.attacks import sphere
 
     V, F = sphere(24)

@@ -13,8 +13,8 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from meshmark import read
-from meshmark.attacking import write_attacked
 from meshmark.cli import main
+from meshmark.commands.attack import write_attacked
 from meshmark.extension.registry import make_reader
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation

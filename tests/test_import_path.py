@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from meshmark.attacking import write_attacked
+from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.meshes import icosphere

@@ -10,7 +10,7 @@ import pytest
 from pxr import Sdf
 from usd_stages import cube, moved, write_text
 
-from meshmark.attacking import write_attacked
+from meshmark.commands.attack import write_attacked
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import Asset, MeshAnimation

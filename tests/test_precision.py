@@ -13,10 +13,10 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from meshmark import mark_file
 from meshmark.cli import main
+from meshmark.commands.inspect import inspect_asset
 from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError
 from meshmark.extension.recipe import Recipe
-from meshmark.inspection import inspect_asset
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 from meshmark.mesh.precision import rounding, rounding_of

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from meshmark import Key, mark_file, read, verify
-from meshmark.attacking import attack_asset
+from meshmark.commands.attack import attack_asset
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.hypothesis_test import log10_p_of

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from meshmark.attacking import write_attacked
 from meshmark.cli.stopping import Stopped, stopping
+from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset
 

@@ -189,8 +189,8 @@ def test_transforms_beyond_all_measure_are_refused(tmp_path: Path, operation: st
 @pytest.mark.parametrize("z", ["0", "1e-30", "1e-300", "1e30"])
 @pytest.mark.parametrize("scheme", ["apex", "tsai2014", "cho2007"])
 def test_flat_and_needle_thin_meshes_are_no_bugs(tmp_path: Path, z: str, scheme: str) -> None:
+    from meshmark.commands.inspect import inspect_asset
     from meshmark.extension.recipe import Recipe
-    from meshmark.inspection import inspect_asset
 
     source = write_text(tmp_path / "a.usda", transformed_cube(f"scale (1, 1, {z})"))
     (found,) = inspect_asset(read_stage(source), Recipe(scheme))["prims"]

@@ -24,7 +24,7 @@ def attack(
     trusted: TrustedOption = False,
 ) -> None:
     """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
-    from meshmark.attacking import attack_asset, attack_from_text, write_attacked
+    from meshmark.commands.attack import attack_asset, attack_from_text, write_attacked
     from meshmark.embedding.outputs import check_output
     from meshmark.sources.readers import read
 

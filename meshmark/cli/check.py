@@ -18,7 +18,7 @@ def check(
     json: JsonOption = False,
 ) -> None:
     """Look at FILE as its recipient could: what does it give away? Exit 1 if anything."""
-    from meshmark.checking import check_file
+    from meshmark.commands.check import check_file
 
     document = check_file(file, trusted=trusted)
     if json:

@@ -30,8 +30,8 @@ def inspect(
     json: JsonOption = False,
 ) -> None:
     """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
+    from meshmark.commands.inspect import inspect_asset
     from meshmark.extension.recipe import recipe_from_text
-    from meshmark.inspection import inspect_asset
     from meshmark.sources.readers import read
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings)

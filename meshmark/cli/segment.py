@@ -23,8 +23,8 @@ def segment(
     trusted: TrustedOption = False,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
+    from meshmark.commands.segment import segment_asset, segmenter_from_text, write_segmented
     from meshmark.embedding.outputs import check_output
-    from meshmark.segmenting import segment_asset, segmenter_from_text, write_segmented
     from meshmark.sources.readers import read
 
     asset = read(source, isolated=not trusted)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from meshmark.attacking import attack_asset, write_attacked
+from meshmark.commands.attack import attack_asset, write_attacked
 from meshmark.demo import write_creature
 from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import verify
