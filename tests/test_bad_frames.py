@@ -20,8 +20,8 @@ from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.mesh.checks import bad_frames, check
 from meshmark.mesh.frame_agreement import agreed
 from meshmark.metrics.surface_distance import surface_distance
-from meshmark.resources import schema_folder
 from meshmark.testing.attacks import sphere
+from meshmark.testing.schemas import schema_folder
 from meshmark.usd.stages import write_stage
 from meshmark_plugins.readers.obj import ObjFrames
 

@@ -26,8 +26,8 @@ from meshmark.detection.verdict import decide
 from meshmark.embedding.asset import as_asset
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.resources import schema_folder
 from meshmark.testing.attacks import sphere
+from meshmark.testing.schemas import schema_folder
 
 HORSE = Subject("horse-gallop", "horse-gallop.usdc", None, (("horse-gallop.usdc", "0" * 64),))
 NOISE = Cell("noise", {"amplitude": 0.0005}, "frame", "noise 0.05 %", "noise")

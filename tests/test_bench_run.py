@@ -19,9 +19,9 @@ from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Asset
-from meshmark.resources import schema_folder
 from meshmark.sources.readers import write
 from meshmark.testing.meshes import dumbbell
+from meshmark.testing.schemas import schema_folder
 
 SUITE = Suite(
     "tiny",

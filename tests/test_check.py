@@ -16,7 +16,7 @@ from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_te
 
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
-from meshmark.resources import schema_folder
+from meshmark.testing.schemas import schema_folder
 from meshmark.usd import delivery
 from meshmark.usd.checking import check_stage
 from meshmark.usd.reading import read_stage

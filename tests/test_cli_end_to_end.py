@@ -18,7 +18,7 @@ from meshmark.commands.attack import write_attacked
 from meshmark.extension.registry import make_reader
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
-from meshmark.resources import schema_folder
+from meshmark.testing.schemas import schema_folder
 
 PRIM = "/Creature/Geom/body"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from meshmark.resources import schema_folder
+from meshmark.testing.schemas import schema_folder
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -24,8 +24,8 @@ from meshmark.embedding.pairing import announced, output_hashes, remark
 from meshmark.errors import InputError, OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
-from meshmark.resources import schema_folder
 from meshmark.testing.meshes import bumpy_sphere
+from meshmark.testing.schemas import schema_folder
 
 RUN = Path(__file__).with_name("publishing_run.py")
 RECIPE = Recipe("cho2007")

@@ -20,9 +20,9 @@ from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
 from meshmark.mesh.precision import rounding, rounding_of
-from meshmark.resources import schema_folder
 from meshmark.sources.readers import read
 from meshmark.testing.attacks import sphere
+from meshmark.testing.schemas import schema_folder
 
 KEY = Key(bytes(range(32)))
 RECIPE = Recipe("cho2007")

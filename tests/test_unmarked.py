@@ -14,8 +14,8 @@ from usd_stages import CUBE_POINTS, array, cube, write_text
 
 from meshmark.cli import main
 from meshmark.keys import Key
-from meshmark.resources import schema_folder
 from meshmark.testing.attacks import sphere
+from meshmark.testing.schemas import schema_folder
 from meshmark.usd.reading import read_stage
 
 Run = Callable[..., tuple[int, str]]

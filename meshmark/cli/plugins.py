@@ -61,7 +61,7 @@ def check_plugin(
     """Make what NAME names, try it on a small mesh, and say what is wrong with it."""
     from meshmark.errors import UsageError
     from meshmark.extension.registry import catalogue
-    from meshmark.plugin_check import check_offer
+    from meshmark.testing.smoke_check import check_offer
 
     found = catalogue()
     broken = [item for item in found.broken if name in (item.plugin, item.distribution)]

@@ -20,7 +20,7 @@ def schema_folder(kind: str) -> Path:
     FileNotFoundError
         If the installation is damaged.
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parent.parent
     candidates = (package / "schemas" / kind, package.parent / "schemas" / kind)
     for folder in candidates:
         if folder.is_dir():
