@@ -31,12 +31,12 @@ from meshmark.mesh.topology import edges
 from meshmark.mesh.welding import Welding
 from meshmark.render import CLAY, View, render_frame
 from meshmark.workers.ordered_map import default_jobs
-from meshmark_plugins.schemes.apex.anchors import integral_distance
-from meshmark_plugins.schemes.apex.consensus import Sightings
-from meshmark_plugins.schemes.apex.layout import Layout
-from meshmark_plugins.schemes.apex.plan import plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.poses import chips_about, targets
-from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
+from meshmark_plugins.schemes.apex.anchors.track import Sightings
+from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
+from meshmark_plugins.schemes.apex.marking.plan import plan_animation, require_capacity
+from meshmark_plugins.schemes.apex.marking.pose_constraints import chips_about, targets
 from meshmark_plugins.schemes.apex.scheme import Apex
 
 FloatArray = NDArray[np.float64]

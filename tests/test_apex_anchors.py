@@ -18,17 +18,17 @@ from meshmark.testing.meshes import (
     plane,
     side_by_side,
 )
-from meshmark_plugins.schemes.apex.anchors import (
+from meshmark_plugins.schemes.apex.anchors.components import split
+from meshmark_plugins.schemes.apex.anchors.detect import VICINITY, measure_from, survey
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.integral_distance import (
     centre_of_caps,
     distance_to_border,
     find_anchors,
     integral_distance,
 )
-from meshmark_plugins.schemes.apex.persistence import persistent_maxima
-from meshmark_plugins.schemes.apex.pieces import split
-from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.persistence import persistent_maxima
 from meshmark_plugins.schemes.apex.scheme import Apex
-from meshmark_plugins.schemes.apex.survey import VICINITY, measure_from, survey
 
 LEAST = 0.06
 HORNS = np.array(

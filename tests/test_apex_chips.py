@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import unit, vertex_normals
 from meshmark.testing.meshes import bumpy_sphere, icosphere
-from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
-from meshmark_plugins.schemes.apex.profile import CELLS, Profiles, profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import (
+from meshmark_plugins.schemes.apex.anchors.detect import measure_from
+from meshmark_plugins.schemes.apex.chips.hypotheses import (
     CUT_WORTH,
     DETOUR,
     GAIN,
@@ -30,8 +29,18 @@ from meshmark_plugins.schemes.apex.readings import (
     soften,
     worth,
 )
-from meshmark_plugins.schemes.apex.survey import measure_from
-from meshmark_plugins.schemes.apex.units import phase_of, units
+from meshmark_plugins.schemes.apex.chips.radial_histogram import (
+    CELLS,
+    Profiles,
+    profiles_of,
+    vertex_weights,
+)
+from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
+from meshmark_plugins.schemes.apex.marking.gradients import (
+    chip_gradients,
+    distance_directions,
+    slid,
+)
 
 K, WIDTH = 14, 0.045
 B = cells_needed(K, WIDTH)

@@ -9,9 +9,9 @@ from meshmark.mesh.geometry import area_vectors, face_areas
 from meshmark.mesh.topology import boundary_edges
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import bent_tube, capsule, icosphere, plane
-from meshmark_plugins.schemes.apex import radial
-from meshmark_plugins.schemes.apex.collar import RINGS, with_collar
-from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.anchors import geodesics
+from meshmark_plugins.schemes.apex.anchors.boundary_extension import RINGS, with_collar
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 
 WIDTH = 0.1
 
@@ -108,6 +108,6 @@ def test_distances_beside_a_cut_are_nearly_those_on_the_whole(monkeypatch):
         return np.abs(found * root_area - arcs)[beside]
 
     extended = errors()
-    monkeypatch.setattr(radial, "with_collar", lambda V, F, *widths: (V, F))
+    monkeypatch.setattr(geodesics, "with_collar", lambda V, F, *widths: (V, F))
     assert extended.mean() < 0.5 * errors().mean()
     assert extended.max() < 0.5 * errors().max()

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from meshmark.mesh.geometry import face_areas, vertex_areas
 from meshmark.testing.meshes import bumpy_sphere, icosphere, plane, torus
-from meshmark_plugins.schemes.apex.energy import (
+from meshmark_plugins.schemes.apex.marking.energy import (
     GUARD,
     LEAST_MOBILITY,
     energy_over_poses,
     guarded,
 )
-from meshmark_plugins.schemes.apex.sliding import FLATNESS, Sliding
-from meshmark_plugins.schemes.apex.stretching import STIFFNESS, stretching_cost
+from meshmark_plugins.schemes.apex.marking.sliding import FLATNESS, Sliding
+from meshmark_plugins.schemes.apex.marking.stretching import STIFFNESS, stretching_cost
 
 WIDTH = 0.045
 FAR = np.inf

@@ -18,14 +18,16 @@ from meshmark.mesh.geometry import area_vectors
 from meshmark.metrics.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
 from meshmark.workers.scratch import DOUBLE, ScratchFile
-from meshmark_plugins.schemes.apex.consensus import (
+from meshmark_plugins.schemes.apex.anchors.components import shared_length
+from meshmark_plugins.schemes.apex.anchors.track import (
     Sightings,
     anchors_in_poses,
     lasting_anchors,
     seen,
 )
-from meshmark_plugins.schemes.apex.pieces import shared_length
-from meshmark_plugins.schemes.apex.plan import (
+from meshmark_plugins.schemes.apex.chips.hypotheses import OFFSETS, Guesses
+from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
+from meshmark_plugins.schemes.apex.marking.plan import (
     POSES,
     SurfacePlan,
     key_frames,
@@ -33,10 +35,8 @@ from meshmark_plugins.schemes.apex.plan import (
     require_capacity,
     within_limit,
 )
-from meshmark_plugins.schemes.apex.poses import Cover
-from meshmark_plugins.schemes.apex.readings import OFFSETS, Guesses
+from meshmark_plugins.schemes.apex.marking.pose_constraints import Cover
 from meshmark_plugins.schemes.apex.scheme import Apex
-from meshmark_plugins.schemes.apex.units import phase_of, units
 
 HORNS = np.array(
     [[1, 0.2, 0.1], [-0.3, 1, 0.2], [-0.6, -0.7, 0.5], [0.2, -0.5, -1], [-0.5, 0.3, -0.9]]

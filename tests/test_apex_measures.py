@@ -13,11 +13,16 @@ from meshmark.mesh.topology import boundary_edges
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import icosphere, plane, revolution, torus
 from meshmark_plugins.geodesics.heat import HeatSolver
-from meshmark_plugins.schemes.apex.density import STEEPEST, cotangent_weights, stiffness, whitening
-from meshmark_plugins.schemes.apex.profile import CELLS, profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.radial import RadialDistances
-from meshmark_plugins.schemes.apex.readings import cells_needed, measure
-from meshmark_plugins.schemes.apex.survey import measure_from
+from meshmark_plugins.schemes.apex.anchors.detect import measure_from
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed, measure
+from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.chips.whitening import (
+    STEEPEST,
+    cotangent_weights,
+    stiffness,
+    whitening,
+)
 
 K, WIDTH = 14, 0.045
 B = cells_needed(K, WIDTH)

@@ -13,15 +13,15 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import unit
 from meshmark.metrics.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark_plugins.schemes.apex import displacement as displacing
+from meshmark_plugins.schemes.apex.marking import solve_displacement as displacing
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
-from meshmark_plugins.schemes.apex.displacement import Demand, displacement
-from meshmark_plugins.schemes.apex.energy import (
+from meshmark_plugins.schemes.apex.marking.energy import (
     energy_over_poses,
 )
-from meshmark_plugins.schemes.apex.folds import Folds
-from meshmark_plugins.schemes.apex.poses import MOST, Cover, targets
-from meshmark_plugins.schemes.apex.refit import refit
+from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
+from meshmark_plugins.schemes.apex.marking.pose_constraints import MOST, Cover, targets
+from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand, displacement
+from meshmark_plugins.schemes.apex.marking.unfold import Folds
 
 WIDTH = 0.045
 FAR = np.inf

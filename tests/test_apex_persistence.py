@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from meshmark.mesh.topology import edges
 from meshmark.testing.invariance import reordered
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark_plugins.schemes.apex.persistence import persistent_maxima
+from meshmark_plugins.schemes.apex.anchors.persistence import persistent_maxima
 
 MESHES = [plane(5), icosphere(0), icosphere(1), torus(7, 5), plane(9)]
 ANY_MESH = pytest.mark.parametrize("F", [F for _, F in MESHES], ids=lambda F: f"{len(F)} faces")

@@ -9,14 +9,27 @@ from hypothesis import strategies as st
 
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import capsule, icosphere, side_by_side
-from meshmark_plugins.schemes.apex.layout import lay_out
-from meshmark_plugins.schemes.apex.pieces import reference_lengths, shared_length, split
-from meshmark_plugins.schemes.apex.places import N_WORDS, STEP, bulk, choose_words, place_of
-from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import cells_needed
-from meshmark_plugins.schemes.apex.survey import VICINITY, measure_from
-from meshmark_plugins.schemes.apex.tuning import Tuning
-from meshmark_plugins.schemes.apex.units import LOWEST, PERIOD, members, phase_of, scale, units
+from meshmark_plugins.schemes.apex.anchors.components import reference_lengths, shared_length, split
+from meshmark_plugins.schemes.apex.anchors.detect import VICINITY, measure_from
+from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed
+from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.chips.unit_series import (
+    LOWEST,
+    PERIOD,
+    members,
+    phase_of,
+    scale,
+    units,
+)
+from meshmark_plugins.schemes.apex.chips.word_index import (
+    N_WORDS,
+    STEP,
+    bulk,
+    choose_words,
+    place_of,
+)
+from meshmark_plugins.schemes.apex.marking.anchor_words import lay_out
+from meshmark_plugins.schemes.apex.parameters import Tuning
 
 TUNING = Tuning(16, 0.04, 8, 0.36, 2.2e-4, 8)
 LENGTHS = st.floats(1e-4, 1e4)

@@ -12,13 +12,11 @@ from meshmark.extension.carrier import Sighting
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.statistics.word_windows import Placement
-from meshmark_plugins.schemes.apex.anchors import distance_to_border
-from meshmark_plugins.schemes.apex.consensus import LEAST_SEEN, Sightings
-from meshmark_plugins.schemes.apex.pieces import shared_length
-from meshmark_plugins.schemes.apex.places import N_WORDS, bulk, place_of
-from meshmark_plugins.schemes.apex.plan import SurfacePlan, plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import (
+from meshmark_plugins.schemes.apex.anchors.components import shared_length
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, survey
+from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
+from meshmark_plugins.schemes.apex.anchors.track import LEAST_SEEN, Sightings
+from meshmark_plugins.schemes.apex.chips.hypotheses import (
     CUT_WORTH,
     OFFSETS,
     Guesses,
@@ -27,8 +25,10 @@ from meshmark_plugins.schemes.apex.readings import (
     soften,
     worth,
 )
-from meshmark_plugins.schemes.apex.survey import Neighbourhood, survey
-from meshmark_plugins.schemes.apex.tuning import Tuning
+from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.chips.word_index import N_WORDS, bulk, place_of
+from meshmark_plugins.schemes.apex.marking.plan import SurfacePlan, plan_animation, require_capacity
+from meshmark_plugins.schemes.apex.parameters import Tuning
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

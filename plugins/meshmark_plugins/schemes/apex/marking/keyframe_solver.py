@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from meshmark.workers.ordered_map import Workers
 from meshmark.workers.scratch import DOUBLE, ScratchFile
-from meshmark_plugins.schemes.apex.displacement import Demand, displacement
-from meshmark_plugins.schemes.apex.energy import Energy, energy_over_poses, guarded
-from meshmark_plugins.schemes.apex.folds import Folds
-from meshmark_plugins.schemes.apex.poses import AskPose, Measured, Work
-from meshmark_plugins.schemes.apex.survey import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.marking.energy import Energy, energy_over_poses, guarded
+from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Measured, Work
+from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand, displacement
+from meshmark_plugins.schemes.apex.marking.unfold import Folds
 
 FloatArray = NDArray[np.float64]
 

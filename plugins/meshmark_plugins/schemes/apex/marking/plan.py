@@ -14,13 +14,13 @@ from meshmark.mesh.flip_guard import restrain
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
 from meshmark.workers.scratch import ScratchFile
-from meshmark_plugins.schemes.apex.chain import solve_keys
-from meshmark_plugins.schemes.apex.consensus import Sightings, anchors_in_poses, lasting_anchors
-from meshmark_plugins.schemes.apex.layout import Layout, lay_out
-from meshmark_plugins.schemes.apex.poses import AskPose, Cover, held_chips
-from meshmark_plugins.schemes.apex.refit import refit
-from meshmark_plugins.schemes.apex.survey import measure_from
-from meshmark_plugins.schemes.apex.tuning import Tuning
+from meshmark_plugins.schemes.apex.anchors.detect import measure_from
+from meshmark_plugins.schemes.apex.anchors.track import Sightings, anchors_in_poses, lasting_anchors
+from meshmark_plugins.schemes.apex.marking.anchor_words import Layout, lay_out
+from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
+from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keys
+from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Cover, held_chips
+from meshmark_plugins.schemes.apex.parameters import Tuning
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

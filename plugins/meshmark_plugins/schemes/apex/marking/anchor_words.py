@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
-from meshmark_plugins.schemes.apex.places import bulk, choose_words, place_of
-from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import cells_needed
-from meshmark_plugins.schemes.apex.survey import Neighbourhood, measure_from
-from meshmark_plugins.schemes.apex.tuning import Tuning
-from meshmark_plugins.schemes.apex.units import phase_of, units
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed
+from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
+from meshmark_plugins.schemes.apex.chips.word_index import bulk, choose_words, place_of
+from meshmark_plugins.schemes.apex.parameters import Tuning
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from meshmark.mesh.geometry import vertex_areas
 from meshmark.mesh.topology import boundary_edges, vertex_adjacency
-from meshmark_plugins.schemes.apex.persistence import Maxima, persistent_maxima
-from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.persistence import Maxima, persistent_maxima
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
 from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
-from meshmark_plugins.schemes.apex.survey import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

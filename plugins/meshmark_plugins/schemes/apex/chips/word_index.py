@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from meshmark_plugins.schemes.apex.profile import Profiles
-from meshmark_plugins.schemes.apex.survey import VICINITY
+from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
+from meshmark_plugins.schemes.apex.chips.radial_histogram import Profiles
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

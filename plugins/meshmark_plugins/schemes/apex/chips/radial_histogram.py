@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges
-from meshmark_plugins.schemes.apex.density import whitening
-from meshmark_plugins.schemes.apex.survey import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.chips.whitening import whitening
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import vertex_areas
-from meshmark_plugins.schemes.apex.anchors import find_anchors
-from meshmark_plugins.schemes.apex.persistence import Maxima
-from meshmark_plugins.schemes.apex.pieces import Piece, reference_lengths, split
-from meshmark_plugins.schemes.apex.radial import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.components import Piece, reference_lengths, split
+from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.integral_distance import find_anchors
+from meshmark_plugins.schemes.apex.anchors.persistence import Maxima
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from meshmark.mesh.geometry import face_areas
-from meshmark_plugins.schemes.apex.density import stiffness
+from meshmark_plugins.schemes.apex.chips.whitening import stiffness
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -15,8 +15,8 @@ from meshmark.mesh.animation import MeshAnimation, Topology
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.workers.ordered_map import ordered_map
-from meshmark_plugins.schemes.apex.anchors import distance_to_border
-from meshmark_plugins.schemes.apex.survey import look
+from meshmark_plugins.schemes.apex.anchors.detect import look
+from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -17,19 +17,23 @@ from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
-from meshmark_plugins.schemes.apex.displacement import Demand
-from meshmark_plugins.schemes.apex.gradients import chip_gradients, distance_directions, slid
-from meshmark_plugins.schemes.apex.layout import Layout
-from meshmark_plugins.schemes.apex.profile import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.readings import (
+from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.chips.hypotheses import (
     HOST,
     LEAST_COUNT,
     STRAY,
     cells_needed,
     measure,
 )
-from meshmark_plugins.schemes.apex.survey import Neighbourhood
-from meshmark_plugins.schemes.apex.tuning import Tuning
+from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
+from meshmark_plugins.schemes.apex.marking.gradients import (
+    chip_gradients,
+    distance_directions,
+    slid,
+)
+from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand
+from meshmark_plugins.schemes.apex.parameters import Tuning
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

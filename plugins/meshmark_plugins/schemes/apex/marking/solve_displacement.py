@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.mesh.geometry import lengths
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
-from meshmark_plugins.schemes.apex.energy import Energy, WeightedEnergy
+from meshmark_plugins.schemes.apex.marking.energy import Energy, WeightedEnergy
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

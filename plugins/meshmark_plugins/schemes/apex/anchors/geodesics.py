@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import face_areas, lengths
 from meshmark.mesh.topology import edges
-from meshmark_plugins.schemes.apex.collar import with_collar
+from meshmark_plugins.schemes.apex.anchors.boundary_extension import with_collar
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

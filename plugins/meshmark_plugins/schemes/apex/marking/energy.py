@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from meshmark.mesh.geometry import vertex_areas
-from meshmark_plugins.schemes.apex.sliding import Sliding
-from meshmark_plugins.schemes.apex.stretching import Stretching, stretching_cost
+from meshmark_plugins.schemes.apex.marking.sliding import Sliding
+from meshmark_plugins.schemes.apex.marking.stretching import Stretching, stretching_cost
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark_plugins.schemes.apex.profile import CELLS, Profiles
-from meshmark_plugins.schemes.apex.survey import VICINITY
-from meshmark_plugins.schemes.apex.units import LOWEST, PERIOD, members, scale, units
+from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
+from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, Profiles
+from meshmark_plugins.schemes.apex.chips.unit_series import LOWEST, PERIOD, members, scale, units
 
 FloatArray = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Guesses:
     Parameters
     ----------
     phase, factor : (G,) float64
-        See `meshmark_plugins.schemes.apex.units`. In the first, units are nearly root areas.
+        See `unit_series`. In the first, units are nearly root areas.
     log_belief : (G,) float64
         Natural logarithm of the belief in each; the exponentials sum to 1.
     """

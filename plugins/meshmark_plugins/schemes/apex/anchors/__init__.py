@@ -1,0 +1,1 @@
+"""Where the tips of a shape are, in one pose and in all."""

@@ -1,0 +1,1 @@
+"""From the vertices about an anchor to chips of evidence."""

@@ -1,0 +1,1 @@
+"""From the words of a key to places of vertices."""
