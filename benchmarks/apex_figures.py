@@ -23,13 +23,12 @@ import matplotlib.pyplot as plt
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.patheffects import withStroke
-from measuring import REPOSITORY
 
+from measuring import REPOSITORY
 from meshmark import Key, MeshAnimation, read
 from meshmark.demo import creature
 from meshmark.mesh.topology import edges
 from meshmark.mesh.welding import Welding
-from meshmark.render import CLAY, View, render_frame
 from meshmark.workers.ordered_map import default_jobs
 from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
@@ -38,6 +37,7 @@ from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
 from meshmark_plugins.schemes.apex.marking.plan import plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.marking.pose_constraints import chips_about, targets
 from meshmark_plugins.schemes.apex.scheme import Apex
+from render import CLAY, View, render_frame
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from measuring import PAGES, Run, data_folder, repeat, run, table
-
 from meshmark import read
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.hypothesis_test import judge

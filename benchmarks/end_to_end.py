@@ -18,8 +18,8 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from measuring import PAGES, Run, data_folder, repeat, run, table
 
+from measuring import PAGES, Run, data_folder, repeat, run, table
 from meshmark import Key, read
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather

@@ -10,8 +10,8 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from measuring import PAGES, data_folder, table
 
+from measuring import PAGES, data_folder, table
 from meshmark import Key, read
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge

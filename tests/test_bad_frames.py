@@ -8,7 +8,6 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, array, cube, read_one, write_text
 
 from meshmark import mark_file
 from meshmark.commands.inspect import inspect_asset
@@ -24,6 +23,7 @@ from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder
 from meshmark.usd.stages import write_stage
 from meshmark_plugins.readers.obj import ObjFrames
+from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, array, cube, read_one, write_text
 
 KEY = Key(bytes(range(32)))
 GOOD = dict.fromkeys(range(2, 12), array(CUBE_POINTS))

@@ -11,8 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
-from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
-from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
 
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
@@ -21,6 +19,8 @@ from meshmark.usd import delivery
 from meshmark.usd.checking import check_stage
 from meshmark.usd.reading import read_stage
 from meshmark.usd.traces import Traces
+from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
+from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
 
 MARKED = POINTS + np.random.default_rng(8).normal(0, 3e-3, POINTS.shape).astype(np.float32)
 Run = Callable[..., tuple[int, str, str]]

@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from usd_stages import cube, write_text
 
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
 from meshmark.files.atomic import opened, read_small, written_beside
 from meshmark.keys import Key
+from usd_stages import cube, write_text
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes, devices and permissions")
 

@@ -15,8 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rogue_reader import install
-from usd_stages import CUBE_POINTS, cube, sampled, write_text
 
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
@@ -26,6 +24,8 @@ from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import read, source_digests, texture_coordinates
 from meshmark.testing.meshes import icosphere
+from rogue_reader import install
+from usd_stages import CUBE_POINTS, cube, sampled, write_text
 
 CRASHING = Path(__file__).parent / "faults" / "crate-crash" / "usdc.1.205.usdc"
 SEED = 7

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf
-from usd_stages import cube, moved, write_text
 
 from meshmark.commands.attack import write_attacked
 from meshmark.embedding.outputs import check_output
@@ -17,6 +16,7 @@ from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
+from usd_stages import cube, moved, write_text
 
 HIDDEN = {
     "lod1.usda": "a variant that is not selected",

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
-from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text
 
 from meshmark.embedding.asset import as_asset
 from meshmark.embedding.file import mark_file
@@ -19,6 +18,7 @@ from meshmark.metrics import distortion, texture_drift
 from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution
 from meshmark.testing.schemes import swaying
+from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text
 
 
 def up(z: float) -> np.ndarray:

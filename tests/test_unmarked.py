@@ -10,13 +10,13 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from usd_stages import CUBE_POINTS, array, cube, write_text
 
 from meshmark.cli import main
 from meshmark.keys import Key
 from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder
 from meshmark.usd.reading import read_stage
+from usd_stages import CUBE_POINTS, array, cube, write_text
 
 Run = Callable[..., tuple[int, str]]
 

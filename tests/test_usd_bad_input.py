@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf
-from usd_stages import CUBE_POINTS, array, cube, read_one, sampled, write_text
 
 from meshmark.errors import InputError, UsageError
 from meshmark.mesh.checks import check
 from meshmark.usd.reading import read_stage
+from usd_stages import CUBE_POINTS, array, cube, read_one, sampled, write_text
 
 
 def refused(source: str, capfd: pytest.CaptureFixture[str]) -> InputError:

@@ -10,6 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
+
+from meshmark.errors import OutputError, UsageError
+from meshmark.mesh.animation import Asset
+from meshmark.usd.delivery import write_flattened
+from meshmark.usd.opening import stage_files
+from meshmark.usd.reading import read_stage
 from usd_stages import (
     CUBE_POINTS,
     array,
@@ -20,12 +26,6 @@ from usd_stages import (
     sampled,
     write_text,
 )
-
-from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset
-from meshmark.usd.delivery import write_flattened
-from meshmark.usd.opening import stage_files
-from meshmark.usd.reading import read_stage
 
 FRAMES = {1: CUBE_POINTS, 2: CUBE_POINTS + 1}
 

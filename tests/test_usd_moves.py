@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Usd
-from usd_stages import CUBE_POINTS, FRAMES, cube, points_at, sampled, write_text
 
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
+from usd_stages import CUBE_POINTS, FRAMES, cube, points_at, sampled, write_text
 
 
 @settings(max_examples=20)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
-from usd_stages import CUBE_POINTS, FRAMES, cube, points_at, sampled, write_text
 
 from meshmark.errors import UsageError
 from meshmark.usd.parts import palette, write_parts
 from meshmark.usd.reading import read_stage
+from usd_stages import CUBE_POINTS, FRAMES, cube, points_at, sampled, write_text
 
 
 def test_parts_are_a_partition_usd_accepts(tmp_path: Path) -> None:

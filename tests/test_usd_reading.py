@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, UsdUtils
-from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, read_one, sampled, write_text
 
 from meshmark.mesh.checks import check
 from meshmark.usd.opening import KEPT_OPEN, open_stage, stage_files
 from meshmark.usd.reading import read_stage
+from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, read_one, sampled, write_text
 
 
 def test_polygons_are_kept_and_fanned(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from usd_stages import FRAMES, cube, digest, infinite, moved, sampled, write_text
 
 from meshmark.errors import MeshmarkError, OutputError, UsageError
 from meshmark.mesh.animation import Frame
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
+from usd_stages import FRAMES, cube, digest, infinite, moved, sampled, write_text
 
 
 def test_the_source_is_never_overwritten(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
-from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, infinite
 
 from meshmark.errors import OutputError
 from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
+from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, infinite
 
 
 def animation(n_frames: int, *, varying: bool = False, prim: str = "/") -> MeshAnimation:

@@ -6,14 +6,14 @@ import shutil
 from pathlib import Path
 
 from pxr import Sdf, Usd, UsdUtils
+
+from meshmark.usd.delivery import write_flattened
+from meshmark.usd.reading import read_stage
 from usd_stages import (
     cube,
     moved,
     write_text,
 )
-
-from meshmark.usd.delivery import write_flattened
-from meshmark.usd.reading import read_stage
 
 
 def test_textures_keep_resolving(tmp_path: Path) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
-from usd_stages import moved, write_text
 
 from meshmark.testing.attacks import sphere
 from meshmark.usd.delivery import Delivery, write_flattened
 from meshmark.usd.reading import read_stage
+from usd_stages import moved, write_text
 
 T = Sdf.ValueTypeNames
 V, F = sphere(700)

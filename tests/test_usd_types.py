@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, Vt
-from usd_stages import CUBE_POINTS, array, cube, moved, points_at, read_one, sampled, write_text
 
 from meshmark.errors import InputError
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
 from meshmark.usd.writing import write_override
+from usd_stages import CUBE_POINTS, array, cube, moved, points_at, read_one, sampled, write_text
 
 PRECISIONS = {"half3": np.float16, "float3": np.float32, "double3": np.float64}
 FAR = np.array([5e6, 0, 0])

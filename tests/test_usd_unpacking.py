@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from pxr import Sdf, Usd, UsdUtils
-from usd_stages import cube, moved, write_text
 
 from meshmark.errors import OutputError
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
+from usd_stages import cube, moved, write_text
 
 
 def package(path: Path, *members: str | zipfile.ZipInfo, kind: int = zipfile.ZIP_STORED) -> None:

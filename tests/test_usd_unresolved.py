@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from usd_stages import cube, write_text
 
 from meshmark.errors import InputError
 from meshmark.usd.reading import read_stage
+from usd_stages import cube, write_text
 
 EMPTY = 'def Xform "A"'
 CLIPPED = """

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
-from usd_stages import CUBE_POINTS, FRAMES, cube, digest, moved, points_at, sampled, write_text
 
 from meshmark.errors import OutputError
 from meshmark.usd import layers
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
+from usd_stages import CUBE_POINTS, FRAMES, cube, digest, moved, points_at, sampled, write_text
 
 
 def specs(layer: Sdf.Layer) -> list[Sdf.Path]:

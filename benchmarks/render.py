@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshmark.errors import OutputError, UsageError
+from meshmark.errors import UsageError
 from meshmark.mesh.open3d_import import load_open3d
 
 FloatArray = NDArray[np.float64]
@@ -228,55 +225,3 @@ def _normals_at(
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit: FloatArray = normals / np.where(length > 0, length, 1.0)
     return unit
-
-
-def save_png(picture: Image, output: Path) -> Path:
-    """Write a picture as PNG (8-bit RGB, no filter, zlib), without an image library.
-
-    Parameters
-    ----------
-    picture : (height, width, 3) uint8
-        The picture, first row on top.
-    output : Path
-        File to write.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    UsageError
-        If `picture` is not an 8-bit RGB picture.
-
-    References
-    ----------
-    PNG specification, third edition, W3C 2025, https://www.w3.org/TR/png-3/
-    """
-    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-        raise UsageError("a picture is (height, width, 3) uint8")
-    height, width = picture.shape[:2]
-    # Each row starts with its filter type: 0, none.
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
-    rows[:, 1:] = picture.reshape(height, -1)
-
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-        )
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
-    data += chunk(b"IDAT", zlib.compress(rows.tobytes(), 9)) + chunk(b"IEND", b"")
-    output = Path(output)
-    beside = output.with_name(f".{output.name}.part")
-    try:
-        beside.write_bytes(data)
-        beside.replace(output)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise OutputError(f"cannot write the picture: {error.strerror}", source=output) from error
-    return output
