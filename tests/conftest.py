@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from folders import REPOSITORY, TESTS
 from meshmark.demo import creature as build_creature
 from meshmark.mesh.animation import MeshAnimation
 
@@ -17,7 +18,6 @@ from meshmark.mesh.animation import MeshAnimation
 settings.register_profile("meshmark", deadline=None)
 settings.load_profile("meshmark")
 
-REPOSITORY = Path(__file__).resolve().parent.parent
 
 # A distribution of its own; test_third_party_plugin.py installs it and runs its tests.
 collect_ignore = ["third_party_segmenter"]
@@ -48,7 +48,7 @@ def creature() -> MeshAnimation:
 def third_party_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder a stranger's segmenter distribution was installed into; put it on PYTHONPATH."""
     site = tmp_path_factory.mktemp("site")
-    source = Path(__file__).parent / "third_party_segmenter"
+    source = TESTS / "third_party_segmenter"
     # Without dependencies and isolation nothing is asked of a package index.
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--no-cache-dir"]
     done = subprocess.run(

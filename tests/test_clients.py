@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 import meshmark
+from folders import TESTS
 from meshmark.extension.recipe import Recipe
 
-TESTS = Path(__file__).parent
 BLENDER = TESTS / "clients" / "blender"
 
 # Largest log10 p that each must be found with: a decade or so above what was measured.

@@ -31,10 +31,10 @@ import pytest
 import typer
 
 import meshmark
+from folders import REPOSITORY
 from meshmark.cli.app import app
 from meshmark.demo import creature
 
-REPOSITORY = Path(__file__).resolve().parent.parent
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 BLOCK = re.compile(
     r"(?:^<!-- file: (?P<file>\S+) -->\n+)?^```(?P<info>[^\n]*)\n(?P<body>.*?)^```$", re.M | re.S

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import meshmark
+from folders import REPOSITORY
 
-REPOSITORY = Path(__file__).parent.parent
 CORE = REPOSITORY / "meshmark"
 PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
 HEAVY = ("pxr", "open3d", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from folders import REPOSITORY
 from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.testing.meshes import icosphere
 
-REPOSITORY = Path(__file__).resolve().parent.parent
 TRAP = "from os import environ\nopen(environ['SPRUNG'], 'a').write(__name__ + '\\n')\n"
 DISTRIBUTION = "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
 WAYS = {

@@ -7,13 +7,11 @@ import sys
 import tomllib
 import zipfile
 from configparser import ConfigParser
-from pathlib import Path
 
 import pytest
 
+from folders import REPOSITORY
 from meshmark.testing.schemas import schema_folder
-
-REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import meshmark
+from folders import FAULTS
 from meshmark.detection.candidates import candidates
 from meshmark.detection.verdict import Verdict
 from meshmark.errors import InputError
@@ -17,7 +17,6 @@ from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
 from meshmark.mesh.topology import face_adjacency
 from meshmark.testing.meshes import plane, side_by_side, torus
 
-FAULTS = Path(__file__).parent / "faults"
 NAMES = ["acme", "globex"]
 APEX = [Recipe("apex")]
 

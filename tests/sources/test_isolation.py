@@ -15,7 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rogue_reader import install
 
+from folders import FAULTS
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
@@ -24,10 +26,9 @@ from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import read, source_digests, texture_coordinates
 from meshmark.testing.meshes import icosphere
-from rogue_reader import install
 from usd_stages import CUBE_POINTS, cube, sampled, write_text
 
-CRASHING = Path(__file__).parent / "faults" / "crate-crash" / "usdc.1.205.usdc"
+CRASHING = FAULTS / "crate-crash" / "usdc.1.205.usdc"
 SEED = 7
 MOVING = {1: CUBE_POINTS, 2: CUBE_POINTS + 1, 4.5: CUBE_POINTS * 2}
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from publishing_run import CHANGES, KEY
 
 from meshmark.detection import evidence_cache
 from meshmark.detection.evidence_cache import kept_evidence
@@ -25,7 +26,6 @@ from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
 from meshmark.testing.meshes import bumpy_sphere
 from meshmark.testing.schemas import schema_folder
-from publishing_run import CHANGES, KEY
 
 RUN = Path(__file__).with_name("publishing_run.py")
 RECIPE = Recipe("cho2007")

@@ -11,7 +11,9 @@ import jsonschema
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
+from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
 
+from folders import FAULTS
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
 from meshmark.testing.schemas import schema_folder
@@ -19,7 +21,6 @@ from meshmark.usd import delivery
 from meshmark.usd.checking import check_stage
 from meshmark.usd.reading import read_stage
 from meshmark.usd.traces import Traces
-from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
 from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
 
 MARKED = POINTS + np.random.default_rng(8).normal(0, 3e-3, POINTS.shape).astype(np.float32)
@@ -146,7 +147,7 @@ def test_what_cannot_be_checked(run: Run, tmp_path: Path) -> None:
 
 def test_a_crash_costs_one_line(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     marked_stage(tmp_path / "s.usda").Save()
-    for file in (Path(__file__).parent / "faults" / "crate-crash").iterdir():
+    for file in (FAULTS / "crate-crash").iterdir():
         code, out, err = run(str(file))
         assert (code, out, err.count("\n")) == (3, "", 1)
     monkeypatch.setenv("MESHMARK_READ_MEMORY", "0.001")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from folders import TESTS
 from meshmark import Asset, Key, write
 from meshmark.demo import creature
 
@@ -58,7 +59,7 @@ def test_is_listed_and_passes_the_check(third_party_site: Path, tmp_path: Path) 
 
 
 def test_passes_the_suite_its_author_subclassed(third_party_site: Path, tmp_path: Path) -> None:
-    shutil.copy(Path(__file__).parent / "third_party_segmenter" / "test_halves.py", tmp_path)
+    shutil.copy(TESTS / "third_party_segmenter" / "test_halves.py", tmp_path)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_halves.py"],
         cwd=tmp_path,

@@ -3,18 +3,18 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from folders import REPOSITORY
 from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark_plugins.attacks import RECORDS, meshmark_attacks
 from meshmark_plugins.readers.obj import ObjFrames
 
 NAMES = [record.name for record in RECORDS]
-PAGE = Path(__file__).parent.parent / "docs" / "attacks.md"
+PAGE = REPOSITORY / "docs" / "attacks.md"
 
 QUAD_AND_TRIANGLE = Topology(np.array([4, 3]), np.array([0, 1, 2, 3, 1, 4, 2]), 5)
 KEEPS_POLYGONS = {
