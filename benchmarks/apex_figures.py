@@ -26,6 +26,7 @@ from matplotlib.patheffects import withStroke
 
 from measuring import REPOSITORY
 from meshmark import Key, MeshAnimation, read
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.demo import creature
 from meshmark.mesh.topology import edges
 from meshmark.mesh.welding import Welding
@@ -38,9 +39,6 @@ from meshmark_plugins.schemes.apex.marking.plan import plan_animation, require_c
 from meshmark_plugins.schemes.apex.marking.pose_constraints import chips_about, targets
 from meshmark_plugins.schemes.apex.scheme import Apex
 from render import CLAY, View, render_frame
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Pixels of one picture of the shape; rays in between make its edges smooth.
 SIZE = (660, 430)

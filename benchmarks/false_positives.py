@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import meshmark
+from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.hypothesis_test import log10_p_of
@@ -24,8 +24,6 @@ from meshmark.detection.verdict import shares
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.workers.ordered_map import default_jobs, ordered_map
-
-FloatArray = NDArray[np.float64]
 
 AT_ONCE = 500
 LEVELS = (-1.0, -2.0, -3.0, -4.0, -6.0)

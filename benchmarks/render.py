@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.mesh.open3d_import import load_open3d
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Image = NDArray[np.uint8]
 
 CLAY = (0.72, 0.68, 0.62)
@@ -125,8 +124,7 @@ def render_frame(
     normals = _normals_at(V, F, hit[seen], uv[seen], smooth)
     picture[seen] = shades[hit[seen]] * studio.light(points[seen], normals)[:, None]
     picture = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
-    rounded: Image = np.round(255.0 * np.clip(picture, 0.0, 1.0) ** (1.0 / _GAMMA)).astype(np.uint8)
-    return rounded
+    return np.round(255.0 * np.clip(picture, 0.0, 1.0) ** (1.0 / _GAMMA)).astype(np.uint8)
 
 
 def _camera_rays(V: FloatArray, axes: FloatArray, view: View, grid: tuple[int, int]) -> FloatArray:
@@ -143,10 +141,7 @@ def _camera_rays(V: FloatArray, axes: FloatArray, view: View, grid: tuple[int, i
     y = (1 - (np.arange(height) + 0.5) / height * 2) * height / width
     far = 2 * float(np.linalg.norm(high - low)) + float(np.abs(seen[:, 2]).max())
     X, Y = np.meshgrid(x * half, y * half)
-    start: FloatArray = (
-        center + X.reshape(-1, 1) * axes[0] + Y.reshape(-1, 1) * axes[1] + far * axes[2]
-    )
-    return start
+    return center + X.reshape(-1, 1) * axes[0] + Y.reshape(-1, 1) * axes[1] + far * axes[2]
 
 
 class _Studio:
@@ -185,12 +180,11 @@ class _Studio:
         facing = normals * np.where(normals @ self._toward_eye < 0, -1.0, 1.0)[:, None]
         key = np.clip(facing @ self._key, 0, None)
         shadow = self._shadow(points + self._lift * facing)
-        total: FloatArray = (
+        return (
             _AMBIENT
             + _FILL * np.clip(facing @ self._fill, 0, None)
             + _KEY * key * np.where(shadow, _SHADOW, 1.0)
         )
-        return total
 
     def shadow_on_ground(self, origins: FloatArray, ground: float, up: int) -> FloatArray:
         """Return the brightness of the ground behind rays that miss the mesh, (rays,)."""
@@ -201,13 +195,11 @@ class _Studio:
         return np.where(self._shadow(points), _GROUND_SHADOW, 1.0)
 
     def _shadow(self, points: FloatArray) -> NDArray[np.bool_]:
-        shadowed: NDArray[np.bool_] = np.isfinite(self._cast(points, self._key)["t_hit"])
-        return shadowed
+        return np.isfinite(self._cast(points, self._key)["t_hit"])
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    scaled: FloatArray = vector / np.linalg.norm(vector)
-    return scaled
+    return vector / np.linalg.norm(vector)
 
 
 def _normals_at(
@@ -223,5 +215,4 @@ def _normals_at(
     else:
         normals = area[face]
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: FloatArray = normals / np.where(length > 0, length, 1.0)
-    return unit
+    return normals / np.where(length > 0, length, 1.0)

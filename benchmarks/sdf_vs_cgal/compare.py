@@ -25,11 +25,9 @@ from statistics import median
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parent.parent

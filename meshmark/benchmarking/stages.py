@@ -8,15 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
 from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Segmenter
 from meshmark.extension.recipe import convert
@@ -17,7 +17,6 @@ from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
 from meshmark.sources.readers import LAYER_SUFFIXES
 
-IntArray = NDArray[np.int64]
 Labels = Mapping[str, list[IntArray]]
 
 

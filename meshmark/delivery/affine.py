@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshmark.arrays import FloatArray
 
 # The centre of a cloud (3,), and three axes (3, 3).
 Frame = tuple[FloatArray, FloatArray]

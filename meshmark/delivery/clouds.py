@@ -6,13 +6,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshmark.arrays import FloatArray
 from meshmark.delivery.affine import Frame, fit, frames_of, inverse, relative, with_ones
 from meshmark.delivery.copies import MIN_POINTS, TOLERANCE, Match, Pose, Shape
-
-FloatArray = NDArray[np.float64]
 
 # This part of the smaller of two clouds must be paired.
 PAIRED = 0.5

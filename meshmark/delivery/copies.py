@@ -14,13 +14,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.delivery.affine import Frame, fit, frames_of, relative, with_ones
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # A copy lies this close to the shape, relative to its diagonal: marks are finer than that.
 TOLERANCE = 1e-3

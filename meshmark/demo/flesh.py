@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.demo.skeleton import SIDES, Point, mirrored
-
-FloatArray = NDArray[np.float64]
 
 # The soles are cut flat here, rounded over this length (centimetres).
 SOLE_HEIGHT = 0.0

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from meshmark.arrays import FloatArray
 from meshmark.demo.skeleton import SIDES, Skeleton
-
-FloatArray = NDArray[np.float64]
 
 # When each foot lands, as a fraction of the stride: a transverse gallop on the right lead, with
 # the suspension after the leading fore foot has left the ground.
@@ -75,8 +73,7 @@ class Wave:
 
     def at(self, phase: FloatArray) -> FloatArray:
         """Evaluate at phases of the stride."""
-        value: FloatArray = self.mean + self.swing * np.cos(2 * np.pi * (phase - self.peak))
-        return value
+        return self.mean + self.swing * np.cos(2 * np.pi * (phase - self.peak))
 
 
 # The back rounds in suspension (about phase 0.87) and stretches as the hind feet push off; the

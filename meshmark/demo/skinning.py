@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.demo.flesh import Capsule
 from meshmark.demo.skeleton import Skeleton
 from meshmark.mesh.topology import vertex_adjacency
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Weights fall by 1/e over this fraction of the flesh's radius, so that a hip bends over a longer
 # stretch than a fetlock, and then diffuse over the surface by so many umbrella half-steps on a
@@ -57,8 +55,7 @@ def skin_weights(
     W = np.exp(-excess / _FALLOFF) * _related(skeleton)[nearest]
     W /= W.sum(axis=1, keepdims=True)
     smooth = _diffuse(W, F, _DIFFUSION_ROUNDS)
-    normal: FloatArray = smooth / smooth.sum(axis=1, keepdims=True)
-    return normal
+    return smooth / smooth.sum(axis=1, keepdims=True)
 
 
 def _diffuse(X: FloatArray, F: IntArray, rounds: int) -> FloatArray:
@@ -150,12 +147,10 @@ def _dual_part(real: FloatArray, shift: FloatArray) -> FloatArray:
 def _turn(real: FloatArray, X: FloatArray) -> FloatArray:
     """Rotate vectors by unit quaternions (x, y, z, w)."""
     vector, scalar = real[..., :3], real[..., 3:]
-    turned: FloatArray = X + 2 * np.cross(vector, np.cross(vector, X) + scalar * X)
-    return turned
+    return X + 2 * np.cross(vector, np.cross(vector, X) + scalar * X)
 
 
 def _shift(dual: FloatArray) -> FloatArray:
     """Return the translations of unit dual quaternions."""
     r, w, d, e = dual[..., :3], dual[..., 3:4], dual[..., 4:7], dual[..., 7:]
-    shift: FloatArray = 2 * (w * d - e * r + np.cross(r, d))
-    return shift
+    return 2 * (w * d - e * r + np.cross(r, d))

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.demo.flesh import Capsule, cut_soles, field, reach, smooth_union
 from meshmark.demo.nets import dual_quads
 from meshmark.errors import UsageError
 from meshmark.mesh.topology import edges, face_adjacency, triangulate, vertex_adjacency
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # The sampling grid stands askew, so that no ring of vertices lies square to a limb: a mesh made
 # by a person or a scanner has none either, and none should flatter a measurement.
@@ -199,8 +196,7 @@ def project(V: FloatArray, flesh: tuple[Capsule, ...]) -> FloatArray:
     """Take a Newton step along the field's gradient to the zero set, (N, 3)."""
     value, g = field(V, flesh)
     steep = np.maximum(np.einsum("ij,ij->i", g, g), 0.05)
-    step: FloatArray = V - (value / steep)[:, None] * g
-    return step
+    return V - (value / steep)[:, None] * g
 
 
 def _shorter_diagonal_first(V: FloatArray, Q: IntArray) -> IntArray:

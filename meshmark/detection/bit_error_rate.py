@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.strand import STEPS
 from meshmark.statistics.p_values import reading_promises
 from meshmark.statistics.word_windows import WINDOW, Placement
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # A part whose every other bit is an erasure shows a small bit error rate by luck alone.
 DECIDED_SHARE = 0.5

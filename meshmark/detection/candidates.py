@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.reference_frame import groups, readable, reference_frame
 from meshmark.errors import CapacityError, InputError
 from meshmark.mesh.animation import Asset, Frame, FrameSource, MeshAnimation, Topology
@@ -20,9 +20,6 @@ from meshmark.mesh.components import seams, sewn, surface_components
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
 from meshmark.mesh.welding import Welding
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # A surface of fewer vertices holds no mark by itself.
 FEWEST_VERTICES = 500

@@ -6,18 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.strand import FrameEvidence
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement
 from meshmark.workers.spool import Made
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
 # reference; inf where a match is out of the question.

@@ -7,15 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.detection.strand import Strand
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

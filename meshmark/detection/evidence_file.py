@@ -41,8 +41,6 @@ _STEP, _REAL = np.dtype("<i1"), np.dtype("<f8")
 # What sums of beliefs may exceed 1 by.
 _ROUNDING = 1e-9
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class StoredEvidence:

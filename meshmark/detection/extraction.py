@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
@@ -26,7 +25,6 @@ from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.spool import Made, Spool
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 # Belief that nothing was smoothed; the rest is shared by the restorations a scheme asks for.

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from meshmark.arrays import FloatArray, SignArray
 from meshmark.detection.bit_error_rate import BitErrors, bit_errors
 from meshmark.detection.evidence import Evidence
 from meshmark.keys import Key
 from meshmark.statistics.p_values import log10_p_words, word_log_e_means
-
-FloatArray = NDArray[np.float64]
-SignArray = NDArray[np.signedinteger[Any]]
 
 # Belief that all frames are best judged together; the rest is in the frames each by itself.
 TOGETHER = 0.75
@@ -145,5 +141,4 @@ def _pooled_log10_p(evidence: Evidence, words: SignArray) -> FloatArray:
         word_log_e_means(strand.pooled, strand.belief, words, strand.placement)
         for strand in evidence.strands
     ]
-    pooled: FloatArray = -logsumexp(np.array(log_e), axis=0) / np.log(10.0)
-    return pooled
+    return -logsumexp(np.array(log_e), axis=0) / np.log(10.0)

@@ -9,15 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import lengths
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Frames that are asked first, and edges that are measured in each.
 SAMPLED_FRAMES, SAMPLED_EDGES = 12, 1024

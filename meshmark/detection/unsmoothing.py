@@ -10,13 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.smoothing import LAMBDA, polygon_umbrella
-
-FloatArray = NDArray[np.float64]
 
 # Landweber steps X += V - S^n X that the filter stands for. The more, the sharper the copy
 # becomes, and its noise with it.
@@ -63,10 +61,8 @@ def _clenshaw(L: csr_matrix, V: FloatArray, coefficients: FloatArray) -> FloatAr
     later, latest = np.zeros_like(V), np.zeros_like(V)
     for c in coefficients[:0:-1]:
         later, latest = 2.0 * _scaled(L, later) - latest + c * V, later
-    series: FloatArray = _scaled(L, later) - latest + coefficients[0] * V
-    return series
+    return _scaled(L, later) - latest + coefficients[0] * V
 
 
 def _scaled(L: csr_matrix, X: FloatArray) -> FloatArray:
-    scaled: FloatArray = -(2.0 / HIGHEST) * (L @ X) - X
-    return scaled
+    return -(2.0 / HIGHEST) * (L @ X) - X

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.hypothesis_test import Finding, judge_each
 from meshmark.files.json_values import number
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
-
-FloatArray = NDArray[np.float64]
 
 Answer = Literal["marked", "not marked", "inconclusive"]
 

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, InputError, MeshmarkError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.carrier import Chips, measure
@@ -27,9 +27,6 @@ from meshmark.mesh.welding import Welding
 from meshmark.statistics.p_values import log10_p_words
 from meshmark.workers.ordered_map import ordered_map, sharing_workers
 from meshmark.workers.scratch import DisplacedFrames, ScratchFile
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROUNDS = 6
 # Aim past the target: rounding to float32 and neighbours that move too eat a little.

@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.carrier import Carrier, Sighting
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @runtime_checkable

@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # What single precision can hold: far beyond, squares and products overflow even in double.
 FARTHEST = np.finfo(np.float32).max
@@ -63,8 +61,7 @@ def mesh_arrays(V: ArrayLike, F: ArrayLike) -> tuple[FloatArray, IntArray]:
 def measurable(points: NDArray[Any]) -> NDArray[np.bool_]:
     """Tell of which points (N, 3) distances can be computed, (N,) bool."""
     # False for what is not a number, too.
-    fit: NDArray[np.bool_] = (np.abs(points) <= FARTHEST).all(axis=1)
-    return fit
+    return (np.abs(points) <= FARTHEST).all(axis=1)
 
 
 def require_measurable(points: NDArray[Any]) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.open3d_import import load_open3d
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class ClosestPoints:
@@ -71,8 +69,7 @@ class ClosestPoints:
         """Compute the point of triangle `face[i]` that is closest to query i, (n, 3)."""
         a, b, c = self._corners(face)
         u, v, w = closest_in_triangle(Q, a, b, c).T[:, :, None]
-        points: FloatArray = u * a + v * b + w * c
-        return points
+        return u * a + v * b + w * c
 
     def distances(self, Q: FloatArray) -> FloatArray:
         """Compute the distance of each query from the surface, (n,)."""
@@ -142,8 +139,7 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     over = u + v > 1
     u[over], v[over] = 1 - u[over], 1 - v[over]
     weights = np.stack([1 - u - v, u, v], axis=1)
-    points: FloatArray = np.einsum("ij,ijk->ik", weights, V[F[face]])
-    return points
+    return np.einsum("ij,ijk->ik", weights, V[F[face]])
 
 
 def plane_weights(
@@ -187,8 +183,7 @@ def _closest_on_edges(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
     )
     points = np.einsum("kij,ijx->kix", candidates, np.stack([a, b, c], axis=1))
     nearest = np.argmin(np.sum((points - P) ** 2, axis=2), axis=0)
-    weights: FloatArray = candidates[nearest, np.arange(len(P))]
-    return weights
+    return candidates[nearest, np.arange(len(P))]
 
 
 def _segment_weights(P: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -200,5 +195,4 @@ def _segment_weights(P: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
-    dots: FloatArray = np.einsum("ij,ij->i", x, y)
-    return dots
+    return np.einsum("ij,ij->i", x, y)

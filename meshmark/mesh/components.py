@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, unit
 from meshmark.mesh.topology import boundary_edges, edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Triangles about one edge among which the straightest way on is looked for.
 MOST_ABOUT_EDGE = 8
@@ -98,8 +95,7 @@ def _links(V: FloatArray, sides: _Sides, patch: IntArray) -> IntArray:
     voted = np.column_stack([kind[edge], np.sort(patch[pairs], axis=1)])
     choice, of = np.unique(voted, axis=0, return_inverse=True)
     votes = np.bincount(of.reshape(-1), length[edge], len(choice))
-    links: IntArray = choice[votes >= 0.5 * total[choice[:, 0]], 1:]
-    return links
+    return choice[votes >= 0.5 * total[choice[:, 0]], 1:]
 
 
 def _straightest(V: FloatArray, sides: _Sides, along: FloatArray) -> tuple[IntArray, IntArray]:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Edges shorter than this share of their one-ring's RMS length gain no further weight: their
 # direction is noise.
@@ -94,10 +91,7 @@ class Deformation:
         n = np.cross(images[:, :, 0], images[:, :, 1])
         area = lengths(n)[:, None]
         n = np.divide(n, np.sqrt(area), out=np.zeros_like(n), where=area > 0)
-        gradients: FloatArray = np.concatenate([images, n[:, :, None]], axis=2) @ np.swapaxes(
-            self._axes, 1, 2
-        )
-        return gradients
+        return np.concatenate([images, n[:, :, None]], axis=2) @ np.swapaxes(self._axes, 1, 2)
 
     def carry(self, D: FloatArray, V: FloatArray) -> FloatArray:
         """Carry a vector of each vertex along with the surface.
@@ -114,8 +108,7 @@ class Deformation:
         (N, 3) float64
             The vectors that are to V what D was to the reference: G D.
         """
-        carried: FloatArray = np.einsum("nij,nj->ni", self.gradients(V), D)
-        return carried
+        return np.einsum("nij,nj->ni", self.gradients(V), D)
 
     def _edges(self, V: FloatArray) -> FloatArray:
         """Compute each vertex's edges to its neighbours, vertex after vertex, (2E, 3)."""
@@ -124,5 +117,4 @@ class Deformation:
     def _outer_sums(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """Sum the outer products of vectors of each vertex's edges, (N, X's width, Y's width)."""
         products = (X[:, :, None] * Y[:, None, :]).reshape(len(X), -1)
-        sums: FloatArray = (self._sum @ products).reshape(-1, X.shape[1], Y.shape[1])
-        return sums
+        return (self._sum @ products).reshape(-1, X.shape[1], Y.shape[1])

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import any_corner, edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Longest move of a vertex, in mean lengths of its own edges: a vertex that slid farther would
 # drag its texture visibly along.
@@ -38,8 +35,7 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
         Positions between `V` and `moved`: a long move is cut; the moves of an offending face's
         corners are halved a few times, then dropped.
     """
-    kept: FloatArray = V + allowed_shares(V, moved, F, reach)[:, None] * (moved - V)
-    return kept
+    return V + allowed_shares(V, moved, F, reach)[:, None] * (moved - V)
 
 
 def allowed_shares(
@@ -97,8 +93,7 @@ def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:
     length = lengths(V[E[:, 1]] - V[E[:, 0]])
     total = np.bincount(E[:, 0], length, len(V)) + np.bincount(E[:, 1], length, len(V))
     degree = np.bincount(E.reshape(-1), minlength=len(V))
-    mean: FloatArray = np.divide(total, degree, out=np.zeros(len(V)), where=degree > 0)
-    return mean
+    return np.divide(total, degree, out=np.zeros(len(V)), where=degree > 0)
 
 
 def face_normals(V: FloatArray, F: IntArray) -> FloatArray:

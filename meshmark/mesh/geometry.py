@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 # Lengths below this count as none: squares of anything shorter would underflow.
 TINY = 1e-150
@@ -24,8 +22,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
     Column by column: numpy's norm takes several times as long over axes this short.
     """
     x, y, z = vectors.T
-    length: FloatArray = np.sqrt(x * x + y * y + z * z)
-    return length
+    return np.sqrt(x * x + y * y + z * z)
 
 
 def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
@@ -55,8 +52,7 @@ def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
 def unit(vectors: FloatArray) -> FloatArray:
     """Scale vectors (n, 3) to length 1; those without length stay 0."""
     length = lengths(vectors)[:, None]
-    scaled: FloatArray = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > TINY)
-    return scaled
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > TINY)
 
 
 def sum_at_corners(values: FloatArray, F: IntArray, n_points: int) -> FloatArray:

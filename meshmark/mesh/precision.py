@@ -19,11 +19,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box
-
-IntArray = NDArray[np.int64]
 
 # Shares of the diagonal: where the weakest scheme begins to suffer, and where all have lost.
 WEAKENED = 1e-3

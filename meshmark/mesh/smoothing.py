@@ -5,14 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Topology
 from meshmark.mesh.topology import polygon_edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LAMBDA = 0.1
 

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 
 def triangulate(counts: IntArray, indices: IntArray) -> IntArray:
@@ -110,8 +109,7 @@ def _counted_edges(F: IntArray) -> tuple[IntArray, IntArray]:
 def any_corner(vertices: NDArray[np.bool_], F: IntArray) -> NDArray[np.bool_]:
     """Which triangles have at least one of some vertices (N,) bool for a corner, (F,) bool."""
     a, b, c = F.T
-    touched: NDArray[np.bool_] = vertices[a] | vertices[b] | vertices[c]
-    return touched
+    return vertices[a] | vertices[b] | vertices[c]
 
 
 def vertex_adjacency(F: IntArray, n_points: int) -> csr_matrix:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, Topology
 from meshmark.mesh.topology import any_corner, weld
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Where more triangles than this meet in a vertex, as they do in the first corner of a polygon of
 # so many corners, rays and distances take time that grows with their square.

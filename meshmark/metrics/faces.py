@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # A face whose normal is shorter than this share of its longest edge squared has no direction.
 _SLIVER = 1e-12
@@ -62,8 +59,7 @@ def smallest_angles(V: FloatArray, F: IntArray) -> FloatArray:
     # The arctangent is exact for needles, where a cosine near 1 has no digits left.
     sine = np.linalg.norm(np.cross(there, back), axis=2)
     angles = np.arctan2(sine, np.einsum("ijk,ijk->ij", there, back))
-    smallest: FloatArray = np.degrees(angles.min(axis=1))
-    return smallest
+    return np.degrees(angles.min(axis=1))
 
 
 def max_move_edges(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.deformation import Deformation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def flicker(P: FloatArray, D: FloatArray, F: IntArray) -> float:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
@@ -16,8 +16,6 @@ from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.metrics.texture import texture_drift
 from meshmark.workers.ordered_map import ordered_map
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

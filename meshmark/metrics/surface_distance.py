@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.closest_points import ClosestPoints, sample_surface
 from meshmark.mesh.geometry import surface_box
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.mesh.closest_points import ClosestPoints, plane_weights
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Width of the map that a drift is told in, where nothing else is known: what film calls 4k.
 TEXELS = 4096

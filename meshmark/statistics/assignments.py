@@ -5,12 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
+from meshmark.arrays import FloatArray, IntArray
 
 # How strongly assignments are believed to keep the order in which carriers and words are
 # listed; a quarter of the belief each. Belief falls by exp(-k) with every place that a carrier
@@ -70,8 +67,7 @@ def _ordered_mean(e: FloatArray, idle: FloatArray) -> FloatArray:
     counts = _ordered_sums(np.ones((C, M)), np.ones(C))
     with np.errstate(divide="ignore"):
         log_means = np.log(_ordered_sums(e, idle)) - np.log(counts)
-    mean: FloatArray = logsumexp(log_means + _log_beliefs(C, M), axis=-1)
-    return mean
+    return logsumexp(log_means + _log_beliefs(C, M), axis=-1)
 
 
 def _ordered_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
@@ -109,15 +105,13 @@ def _sums_over_counts(
         + log_belief
         for G, log_belief in enumerate(_log_beliefs(C, M), start=1)
     ]
-    total: FloatArray = logsumexp(np.array(terms), axis=0)
-    return total
+    return logsumexp(np.array(terms), axis=0)
 
 
 def _log_beliefs(C: int, M: int) -> FloatArray:
     """Log belief that 1, 2, ... M words are in use when C carriers were found."""
     belief = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
-    log_belief: FloatArray = np.log(belief / belief.sum())
-    return log_belief
+    return np.log(belief / belief.sum())
 
 
 def _subset_sums(e: FloatArray, idle: FloatArray) -> FloatArray:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 # Soft chips lie in [-1, 1]. In steps of two, no best l in between is missed by more than the
 # square root of two, and averaging over all eight costs log10(8) = 0.9 decades at the very most.

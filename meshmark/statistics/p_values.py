@@ -18,20 +18,15 @@ References
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from meshmark.arrays import FloatArray, SignArray
 from meshmark.statistics.assignments import mean_over_assignments
 from meshmark.statistics.e_values import LOST, TILTS, e_values, log_cosh, most_promising
 from meshmark.statistics.placed_words import mean_of_placed, promises
 from meshmark.statistics.word_windows import SHIFT_BELIEF, WINDOW, Placement, Windows
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-SignArray = NDArray[np.signedinteger[Any]]
 
 # Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
 AT_ONCE = 2_000_000
@@ -56,8 +51,7 @@ def word_log_e(S: FloatArray, words: SignArray) -> FloatArray:
     """
     score = np.einsum("ck,...mk->...cm", S, words.astype(np.float64))
     null = log_cosh(TILTS[:, None, None] * S).sum(axis=-1)
-    result: FloatArray = TILTS[:, None, None] * score[..., None, :, :] - null[:, :, None]
-    return result
+    return TILTS[:, None, None] * score[..., None, :, :] - null[:, :, None]
 
 
 def word_log_e_means(
@@ -130,8 +124,7 @@ def _mean_of_readings(
     promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
     reading, tilt = most_promising(promise)
     log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], reading, tilt]))
-    mean: FloatArray = logsumexp(log_means + belief[reading, tilt], axis=-1)
-    return mean
+    return logsumexp(log_means + belief[reading, tilt], axis=-1)
 
 
 def log10_p_words(
@@ -170,8 +163,7 @@ def log10_p_words(
 
 
 def _log_mean(log_e: FloatArray, axis: int) -> FloatArray:
-    mean: FloatArray = logsumexp(log_e, axis=axis) - np.log(log_e.shape[axis])
-    return mean
+    return logsumexp(log_e, axis=axis) - np.log(log_e.shape[axis])
 
 
 def _log10_p_shared(S: FloatArray, word: SignArray) -> FloatArray:

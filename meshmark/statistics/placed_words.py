@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from meshmark.arrays import FloatArray, IntArray, SignArray
 from meshmark.statistics.e_values import LOST, PROMISING, TILTS, e_values, most_promising
 from meshmark.statistics.word_windows import SHIFT_BELIEF, Windows
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-SignArray = NDArray[np.signedinteger[Any]]
 
 # Readings are first compared at every other tilt.
 EVERY = 2
@@ -63,8 +57,7 @@ def mean_of_placed(
     picked = e[rows, place, tilt].reshape(-1, *score.shape[2:])
     log_means = windows.log_mean(picked, shift.ravel(), reading[rows, place].ravel())
     found = log_means.reshape(shift.shape) + log_belief[rows, shift, place, 0]
-    mean: FloatArray = logsumexp(found, axis=-1)
-    return mean
+    return logsumexp(found, axis=-1)
 
 
 def promises(
@@ -90,8 +83,7 @@ def promises(
         np.exp(e, out=e)
         each = np.einsum("crwn,crw->crn", e, weight) + nothing
         best = np.maximum(best, np.log(each).sum(axis=0))
-    promise: FloatArray = best.T + log_prior
-    return promise
+    return best.T + log_prior
 
 
 def _worth_a_look(
@@ -126,5 +118,4 @@ def _promises_under(
     e = e_values(score[:, :, None], log_null[reading][:, :, ::EVERY], TILTS[::EVERY])
     each = np.einsum("nptcw,npcw->nptc", e, windows.blurred[reading], optimize=True)
     each += windows.doubt[reading][:, :, None]
-    promise: FloatArray = np.log(each).sum(axis=-1).max(axis=-1) + log_prior[reading]
-    return promise
+    return np.log(each).sum(axis=-1).max(axis=-1) + log_prior[reading]

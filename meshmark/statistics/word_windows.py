@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-SignArray = NDArray[np.signedinteger[Any]]
+from meshmark.arrays import FloatArray, IntArray, SignArray
 
 # Words about a carrier's place that it may hold; a power of two of them is summed over.
 WINDOW = 8
@@ -120,8 +118,7 @@ class Windows:
         if new.any():
             q, r = np.unique(np.stack([shift[new], reading[new]]), axis=1)
             known[q, r] = np.log(_sums(self.first[r], self.belief[q, r], self.doubt[r]))
-        ways: FloatArray = known[shift, reading]
-        return ways
+        return known[shift, reading]
 
     @cached_property
     def _known_ways(self) -> FloatArray:
@@ -199,8 +196,7 @@ class Windows:
             Which readings those are.
         """
         each = np.einsum("nptcw,qnpcw->nqptc", e, self.belief[:, reading], optimize=True)
-        promise: FloatArray = np.log(each + self.doubt[reading][:, None, :, None]).sum(axis=-1)
-        return promise
+        return np.log(each + self.doubt[reading][:, None, :, None]).sum(axis=-1)
 
     def log_mean(self, e: FloatArray, shift: IntArray, reading: IntArray) -> FloatArray:
         """Average prod e[c, word of c] over the ways to give carriers words, no word twice.
@@ -258,8 +254,7 @@ def _sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
             halves = (1 << (WINDOW - w - 1), 2, 1 << w, len(first))
             grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * x[c, w]
         table = grown
-    total: FloatArray = table.sum(axis=0)
-    return total
+    return table.sum(axis=0)
 
 
 def _advanced(table: FloatArray, steps: IntArray) -> FloatArray:

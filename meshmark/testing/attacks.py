@@ -16,15 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.hookspecs import Attack, AttackRecord
 from meshmark.mesh.animation import Frame, MeshAnimation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def bending_ball(n_frames: int = 5) -> MeshAnimation:
@@ -70,8 +67,7 @@ class AttackSuite:
     @pytest.fixture
     def attack(self, record: AttackRecord, parameters: dict[str, Any]) -> Attack:
         """Build the attack."""
-        attack: Attack = record.factory(**parameters)
-        return attack
+        return record.factory(**parameters)
 
     def test_record_is_complete(self, record: AttackRecord) -> None:
         """A record names its attack, says in one line what it does, and has a version."""

@@ -12,14 +12,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.interfaces import GeodesicSolver
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, bent_tube, icosphere, plane, side_by_side, torus
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 SolverFactory = Callable[[FloatArray, IntArray], GeodesicSolver]
 
 

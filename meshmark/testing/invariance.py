@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,5 +46,4 @@ def moved(V: FloatArray, scale: float, rng: np.random.Generator) -> FloatArray:
     rotation = Q * np.sign(np.diag(R))
     rotation[:, 0] *= np.linalg.det(rotation)
     shift = rng.uniform(-5.0, 5.0, size=3) * np.ptp(V, axis=0).max()
-    points: FloatArray = scale * (V @ rotation.T + shift)
-    return points
+    return scale * (V @ rotation.T + shift)

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
+from meshmark.arrays import IntArray
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import embed_animation, plan_jointly
@@ -33,9 +33,6 @@ from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, plane
 from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.schemes import KEY, NAME, OTHER, rounded
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Beliefs may exceed 1 in sum by what rounding adds.
 SLACK = 1e-9

@@ -52,8 +52,7 @@ class ReaderSuite:
     @pytest.fixture
     def reader(self, record: ReaderRecord) -> Reader:
         """Build the reader."""
-        reader: Reader = record.factory(**record.parameters)
-        return reader
+        return record.factory(**record.parameters)
 
     @pytest.fixture
     def asset(self, reader: Reader, source: str) -> Asset:

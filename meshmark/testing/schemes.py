@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import embed_animation
@@ -27,8 +27,6 @@ from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.segmenters import lopsided
-
-FloatArray = NDArray[np.float64]
 
 NAME = "scheme-under-test"
 KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))

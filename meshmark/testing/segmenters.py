@@ -12,16 +12,13 @@ import pickle
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.interfaces import Segmenter
 from meshmark.mesh.topology import face_components
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, dumbbell, icosphere, plane, side_by_side
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def lopsided() -> Mesh:
@@ -35,8 +32,7 @@ def lopsided() -> Mesh:
 def area_of(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the area of each face, (F,)."""
     cross = np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
-    area: FloatArray = np.linalg.norm(cross, axis=1) / 2.0
-    return area
+    return np.linalg.norm(cross, axis=1) / 2.0
 
 
 def agreement(one: IntArray, two: IntArray, area: FloatArray) -> float:

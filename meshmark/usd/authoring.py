@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
+from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.usd.frames import blamed
@@ -20,7 +21,6 @@ from meshmark.usd.geometry import (
 )
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent
 
-FloatArray = NDArray[np.float64]
 LocalPoints = NDArray[np.floating]
 
 # Told of each frame as it is authored: time, points before and after, as they are stored.
@@ -65,8 +65,7 @@ def author_marked_points(
 def unmarked_times(prim: Usd.Prim, marked: MeshAnimation) -> FloatArray:
     """List the times at which the source has points and the marked animation has none."""
     times = sample_times(prim)
-    missing: FloatArray = times[~np.isin(_keys(times), _keys(marked.times))]
-    return missing
+    return times[~np.isin(_keys(times), _keys(marked.times))]
 
 
 def _specs(

@@ -8,9 +8,9 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdUtils
 
+from meshmark.arrays import FloatArray
 from meshmark.errors import InputError, OutputError
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import local_points, sample_times
@@ -19,8 +19,6 @@ from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
 from meshmark.usd.opening import open_stage
 from meshmark.usd.prims import mesh_prims
 from meshmark.usd.traces import Copy, Traces, marked_points
-
-FloatArray = NDArray[np.float64]
 
 NAMES_LAYER = "it depends on this layer, or names it"
 # What rounding leaves may be this much more than is expected of it.

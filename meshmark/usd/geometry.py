@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, Vt
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Topology
 from meshmark.mesh.arrays import require_measurable
 
-FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 
 # What points may be stored as; the role of a type (point, vector, colour) does not matter.
 POINT_ARRAYS = (Vt.Vec3hArray, Vt.Vec3fArray, Vt.Vec3dArray)
@@ -103,8 +102,7 @@ def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def _product(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
     x, y, z = vectors[:, 0:1], vectors[:, 1:2], vectors[:, 2:3]
-    product: FloatArray = x * matrix[0, :3] + y * matrix[1, :3] + z * matrix[2, :3]
-    return product
+    return x * matrix[0, :3] + y * matrix[1, :3] + z * matrix[2, :3]
 
 
 def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Vt
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.usd.metadata import fields_of, paths_of
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Numbers = NDArray[Any]
 Number = TypeVar("Number", np.float64, np.int64)
 

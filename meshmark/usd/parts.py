@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom
 
+from meshmark.arrays import IntArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.usd.layers import StreamedLayer, new_layer
@@ -18,7 +19,6 @@ from meshmark.usd.overlay import lay_over
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.writing import require_prim
 
-IntArray = NDArray[np.int64]
 Float32Array = NDArray[np.float32]
 
 FAMILY = "parts"
@@ -102,8 +102,7 @@ def _of_polygons(mesh: MeshAnimation, index: int, labels: IntArray) -> IntArray:
         )
     n_parts = int(labels.max()) + 1
     votes = np.bincount(polygon * n_parts + labels, minlength=topology.counts.size * n_parts)
-    parts: IntArray = votes.reshape(-1, n_parts).argmax(axis=1)
-    return parts
+    return votes.reshape(-1, n_parts).argmax(axis=1)
 
 
 def _write_prim(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.topology import triangulate
 from meshmark.usd.frames import blamed
 from meshmark.usd.geometry import (
@@ -17,9 +17,6 @@ from meshmark.usd.geometry import (
     time_code,
 )
 from meshmark.usd.opening import open_stage
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # The name that writers of USD agree on; any other of the type will do where it is missing.
 USUAL = "st"

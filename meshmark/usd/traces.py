@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.delivery.clouds import find_cloud
 from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
@@ -25,9 +26,6 @@ from meshmark.usd.numbers import (
     value_at,
     views,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Residuals below it are equally good.
 EXACT = 1e-6

@@ -9,13 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError
 from meshmark.files.temporary import TemporaryFolder, no_room, shared_folder
 from meshmark.mesh.animation import Frame, FrameSource
-
-FloatArray = NDArray[np.float64]
 
 SINGLE, DOUBLE = "<f4", "<f8"
 

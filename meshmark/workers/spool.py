@@ -60,8 +60,7 @@ class Spool(Generic[Thing]):
     def __getitem__(self, number: int) -> Thing:
         begin, end = self._begins[number], self._begins[number + 1]
         self._file.seek(begin)
-        thing: Thing = pickle.loads(self._file.read(end - begin))
-        return thing
+        return pickle.loads(self._file.read(end - begin))
 
 
 class Made(Sequence[Thing]):

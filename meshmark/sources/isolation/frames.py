@@ -12,11 +12,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import Frame, Topology
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FLOAT, INT = np.dtype("<f8"), np.dtype("<i8")
 ITEM = 8  # bytes of either

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshmark import errors
+from meshmark.arrays import FloatArray
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import Asset, MeshAnimation, Topology
 from meshmark.sources.isolation.frames import (
@@ -28,7 +28,6 @@ from meshmark.sources.isolation.frames import (
 )
 from meshmark.sources.readers import texture_coordinates
 
-FloatArray = NDArray[np.float64]
 Files = tuple[tuple[str, str], ...]
 
 # What the process is told, and what it leaves in its folder.

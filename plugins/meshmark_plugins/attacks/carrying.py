@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark_plugins.attacks.frames import (
@@ -19,9 +19,6 @@ from meshmark_plugins.attacks.frames import (
     require_trajectories,
     treat_frames,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _CANDIDATES = 16
 

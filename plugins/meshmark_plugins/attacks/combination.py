@@ -57,8 +57,7 @@ def make_step(text: str) -> Attack:
     name, parameters = read_step(text)
     offer = catalogue().find("attack", name)
     check_parameters(offer, parameters)
-    attack: Attack = offer.record.factory(**parameters)
-    return attack
+    return offer.record.factory(**parameters)
 
 
 def read_step(text: str) -> tuple[str, dict[str, Any]]:

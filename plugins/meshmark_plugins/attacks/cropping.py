@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark_plugins.attacks.frames import (
@@ -18,9 +18,6 @@ from meshmark_plugins.attacks.frames import (
 )
 from meshmark_plugins.attacks.parameters import choice, number, vector
 from meshmark_plugins.attacks.polygons import restrict
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.geometry import unit
 from meshmark_plugins.attacks.frames import mean_radius, require_trajectories
 from meshmark_plugins.attacks.parameters import number, whole
 from meshmark_plugins.attacks.polygons import neighbours
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import MeshmarkError, UsageError
 from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation, Topology
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PER = ("frame", "animation")
 

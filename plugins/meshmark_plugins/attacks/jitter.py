@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import lengths, unit
@@ -16,9 +17,6 @@ from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER, CombinePoints, treat_frames
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.sliding import slide, tangential
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,7 @@ class JitterFrame:
 
 def _loose(frame: Frame) -> NDArray[np.bool_]:
     """Tell which points are no corner of any polygon, (N,) bool."""
-    loose: NDArray[np.bool_] = np.bincount(frame.topology.indices, minlength=len(frame.points)) == 0
-    return loose
+    return np.bincount(frame.topology.indices, minlength=len(frame.points)) == 0
 
 
 def _carry(frame: Frame, V: FloatArray, F: IntArray) -> CombinePoints:

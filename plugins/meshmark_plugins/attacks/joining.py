@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.geometry import face_areas, unit
@@ -15,9 +15,6 @@ from meshmark.mesh.topology import polygon_edges
 from meshmark_plugins.attacks.frames import naming, require_trajectories
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.polygons import join, neighbours
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _GROUND = 40
 _BODY, _BUMPS, _BUMP_HEIGHT, _BUMP_WIDTH = 2000, 8, 1.5, 0.3

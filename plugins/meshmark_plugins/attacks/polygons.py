@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Topology
 from meshmark.mesh.topology import face_adjacency
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 def restrict(topology: Topology, keep: BoolArray) -> tuple[IntArray, Topology | None]:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.open3d_import import load_open3d
@@ -17,8 +18,6 @@ from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole
 from meshmark_plugins.attacks.polygons import require_triangles
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 GridArray = NDArray[np.float32]
 
 _OPEN = 0.05
@@ -174,5 +173,4 @@ def _stretch(field: GridArray, axis: int, size: int) -> GridArray:
 
 def _distances_at(scene: Any, corners: IntArray) -> GridArray:
     query = (corners - _MARGIN).astype(np.float32)
-    distances: GridArray = scene.compute_signed_distance(query, nsamples=_VOTES).numpy()
-    return distances
+    return scene.compute_signed_distance(query, nsamples=_VOTES).numpy()

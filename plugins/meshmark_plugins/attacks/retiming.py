@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

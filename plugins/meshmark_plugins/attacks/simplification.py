@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation, Topology
 from meshmark.mesh.open3d_import import load_open3d
 from meshmark_plugins.attacks.carrying import carry_by_vertices, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.polygons import require_triangles
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import vertex_normals
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def tangential(V: FloatArray, F: IntArray, D: FloatArray) -> FloatArray:
     """Take what lies along the vertices' normals out of displacements, (N, 3)."""
     n = vertex_normals(V, F)
-    along: FloatArray = D - np.einsum("ij,ij->i", D, n)[:, None] * n
-    return along
+    return D - np.einsum("ij,ij->i", D, n)[:, None] * n
 
 
 def slide(surface: ClosestPoints, V: FloatArray, D: FloatArray) -> FloatArray:

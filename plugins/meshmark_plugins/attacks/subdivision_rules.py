@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshmark.arrays import BoolArray, IntArray
+
 Rule = Callable[[IntArray, int], tuple[csr_matrix, IntArray]]
 
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import vertex_components
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OneSource = Callable[[int], FloatArray]
 """Distances (n,) from one vertex to all of a connected mesh."""

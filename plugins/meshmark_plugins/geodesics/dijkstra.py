@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.arrays import mesh_arrays
 from meshmark.mesh.topology import edges
 from meshmark_plugins.geodesics.sources import source_indices
-
-FloatArray = NDArray[np.float64]
 
 
 class DijkstraSolver:
@@ -70,5 +69,4 @@ class DijkstraSolver:
         indices = source_indices(sources, n)
         if len(indices) == 0:
             return np.zeros((0, n))
-        D: FloatArray = dijkstra(self._graph, directed=False, indices=indices)
-        return D
+        return dijkstra(self._graph, directed=False, indices=indices)

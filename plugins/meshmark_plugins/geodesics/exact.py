@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.arrays import mesh_arrays
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class ExactSolver:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.parameters import require_number
 from meshmark.mesh.arrays import mesh_arrays
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 NAME = "geodesic heat"
 

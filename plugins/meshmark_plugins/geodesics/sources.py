@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from meshmark.arrays import IntArray
 from meshmark.errors import UsageError
-
-IntArray = NDArray[np.int64]
 
 
 def source_indices(sources: ArrayLike, n_points: int) -> IntArray:

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Topology
 from meshmark.mesh.arrays import measurable
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 
 _SPACE, _NEWLINE, _HASH, _SLASH, _MINUS = b" \n#/-"
@@ -161,8 +160,7 @@ class ObjText:
         return np.repeat(chosen, self._ends - self._starts)
 
     def _lines_text(self, chosen: NDArray[np.bool_]) -> ByteArray:
-        text: ByteArray = self._text[self._bytes_of(chosen)]
-        return text
+        return self._text[self._bytes_of(chosen)]
 
     def _lengths(self, chosen: NDArray[np.bool_]) -> IntArray:
         lengths: IntArray = self._ends - self._starts

@@ -7,15 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.atomic import beside, opened
 from meshmark.mesh.animation import Asset, Frame, Topology
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
-
-FloatArray = NDArray[np.float64]
 
 # Enough for any time code of a second's fraction, and names stay far below what disks allow.
 MOST_DECIMALS = 18

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.carrier import Sighting
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
@@ -29,9 +29,6 @@ from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, ve
 from meshmark_plugins.schemes.apex.chips.word_index import N_WORDS, bulk, place_of
 from meshmark_plugins.schemes.apex.marking.plan import SurfacePlan, plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.parameters import Tuning
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Anchors beyond the words' number that detection still looks at: some will be false.
 SPARE = 2

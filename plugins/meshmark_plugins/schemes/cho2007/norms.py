@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.extension.carrier import Carrier
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # A bin narrower than this share of the largest norm holds one vertex, or rounding errors.
 NARROWEST = 1e-9

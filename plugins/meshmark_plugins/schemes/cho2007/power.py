@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 # k from 1/256 to 256: beyond, every number but 0 and 1 is as good as at an end.
 WIDEST = np.log(256.0)
@@ -46,5 +44,4 @@ def exponents(u: FloatArray, bins: IntArray, target: FloatArray) -> FloatArray:
         mean = np.bincount(bins, np.exp(np.exp(middle)[bins] * log_u), K) / count
         too_high = mean > target
         low, high = np.where(too_high, middle, low), np.where(too_high, high, middle)
-    k: FloatArray = np.exp((low + high) / 2.0)
-    return k
+    return np.exp((low + high) / 2.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import Carrier, measure
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
@@ -14,9 +14,6 @@ from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.animation import Frame
 from meshmark_plugins.schemes.cho2007.norms import NormBins, bin_norms
 from meshmark_plugins.schemes.cho2007.power import exponents
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 WHAT = "scheme cho2007"
 # Fewer vertices than this many a bin, on average, and the bins' means are mostly chance.

@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.mesh.flip_guard import face_normals
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +92,7 @@ def share_out(
         start = np.searchsorted(k, np.arange(len(needed)), side="left")
         offset = before[np.minimum(start, len(before) - 1)]
         taken[order] = np.clip(needed[k] - (before - offset[k]), 0.0, give)
-    total: FloatArray = taken.reshape(picks, n).sum(axis=0)
-    return total
+    return taken.reshape(picks, n).sum(axis=0)
 
 
 def steepness(V: FloatArray, F: IntArray, neighbour: IntArray) -> FloatArray:
@@ -127,5 +122,4 @@ def steepness(V: FloatArray, F: IntArray, neighbour: IntArray) -> FloatArray:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit: FloatArray = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
-    return unit
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

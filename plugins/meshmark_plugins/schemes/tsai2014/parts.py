@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from meshmark.arrays import BoolArray, IntArray
 from meshmark.mesh.topology import edges, face_adjacency
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Moving vertices beside a cut moves the cut, and with it every distance of the part. With two
 # rings held still, the marked frame is cut where the original was: measured on two animals in

@@ -10,15 +10,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import Carrier
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import Part, split
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PROPAGATIONS = ("adapt", "delta")
 # Fewer vertices than this many a set, on average, and the sets' means are mostly chance.
@@ -261,8 +259,7 @@ def _movable(part: Part, carrier: PartDistances) -> NDArray[np.bool_]:
 
 def _along(V: FloatArray, neighbour: IntArray, taken: FloatArray, gain: FloatArray) -> FloatArray:
     share = np.divide(taken, gain, out=np.zeros_like(taken), where=gain > 0.0)
-    moves: FloatArray = share[:, None] * (V[neighbour] - V)
-    return moves
+    return share[:, None] * (V[neighbour] - V)
 
 
 def _area(V: FloatArray, F: IntArray) -> float:

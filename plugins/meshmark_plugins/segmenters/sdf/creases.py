@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark_plugins.segmenters.sdf.dual import DualGraph
-
-FloatArray = NDArray[np.float64]
 
 CONCAVITY = 2.0
 """A crease as sharp as its radius `reach` costs exp(-CONCAVITY) of the same length elsewhere."""
@@ -47,5 +45,4 @@ def cut_costs(normal: FloatArray, dual: DualGraph, reach: float) -> FloatArray:
     turn = np.einsum("ij,ij->i", unit[j] - unit[i], span)
     # Normals that turn towards each other along the way make a valley.
     curvature = -turn / np.maximum(square, max(closest, np.finfo(float).tiny))
-    costs: FloatArray = dual.length * np.exp(-CONCAVITY * np.clip(reach * curvature, 0.0, SHARPEST))
-    return costs
+    return dual.length * np.exp(-CONCAVITY * np.clip(reach * curvature, 0.0, SHARPEST))

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshmark.arrays import FloatArray, IntArray
 
 LARGEST_CAPACITY = 2**30
 """Capacities are rounded to int32, the only type scipy's flow takes."""

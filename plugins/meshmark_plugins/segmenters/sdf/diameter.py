@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.arrays import mesh_arrays
 from meshmark.mesh.open3d_import import load_open3d
 from meshmark.mesh.topology import face_adjacency
 from meshmark_plugins.segmenters.sdf.dual import normals_and_areas, unit_corners
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 RING = 6
 """Rays in one ring of the cone; the pattern has this rotational symmetry."""
@@ -178,8 +176,7 @@ def _tangent(corners: FloatArray, axis: FloatArray) -> FloatArray:
     v = np.cross(axis, u)
     z = np.einsum("ijk,ik->ij", E, u) + 1j * np.einsum("ijk,ik->ij", E, v)
     theta = np.angle(((z / np.where(norm > 0.0, norm, 1.0)) ** RING).sum(axis=1)) / RING
-    tangent: FloatArray = np.cos(theta)[:, None] * u + np.sin(theta)[:, None] * v
-    return tangent
+    return np.cos(theta)[:, None] * u + np.sin(theta)[:, None] * v
 
 
 def _cast(corners: FloatArray, rays: NDArray[np.float32], outward: float) -> FloatArray:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshmark.arrays import FloatArray
 
 BINS = 1024
 MIN_SIGMA = 0.02
@@ -80,13 +79,11 @@ class Mixture:
         thickest cluster belongs to it, however narrow it is.
         """
         log_joint = self._log_joint(np.clip(x, self.mu[0], self.mu[-1]))
-        posterior: FloatArray = log_joint - np.logaddexp.reduce(log_joint, axis=1)[:, None]
-        return posterior
+        return log_joint - np.logaddexp.reduce(log_joint, axis=1)[:, None]
 
     def _log_joint(self, x: FloatArray) -> FloatArray:
         z = (x[:, None] - self.mu) / self.sigma
-        joint: FloatArray = np.log(self.weight) - np.log(self.sigma) - 0.5 * z**2
-        return joint
+        return np.log(self.weight) - np.log(self.sigma) - 0.5 * z**2
 
 
 def _maximise(share: FloatArray, x: FloatArray, tied: bool) -> Mixture:

@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import face_components
 from meshmark_plugins.segmenters.sdf.dual import DualGraph
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def parts_of(labels: IntArray, F: IntArray, dual: DualGraph, min_area: float) -> IntArray:

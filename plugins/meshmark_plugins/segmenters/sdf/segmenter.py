@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.arrays import mesh_arrays
@@ -17,9 +18,6 @@ from meshmark_plugins.segmenters.sdf.dual import DualGraph
 from meshmark_plugins.segmenters.sdf.mixture import Mixture
 from meshmark_plugins.segmenters.sdf.parts import parts_of
 from meshmark_plugins.segmenters.sdf.smoothing import diffuse
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 NAME = "segmenter sdf"
 
@@ -138,8 +136,7 @@ def _levels(diameter: FloatArray, area: FloatArray) -> FloatArray:
     # The largest value is one face's; all but 1 % of the area repeats.
     top = _quantile(filled, area, 0.99)
     share = np.clip(filled / top, 0.0, 1.0) if top > 0.0 else np.zeros(len(filled))
-    levels: FloatArray = np.log1p(LOG_GAIN * share) / np.log1p(LOG_GAIN)
-    return levels
+    return np.log1p(LOG_GAIN * share) / np.log1p(LOG_GAIN)
 
 
 def _quantile(x: FloatArray, weight: FloatArray, q: float) -> float:

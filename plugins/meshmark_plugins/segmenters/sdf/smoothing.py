@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix, diags_array
 from scipy.sparse.linalg import splu
 
+from meshmark.arrays import FloatArray
 from meshmark_plugins.segmenters.sdf.dual import DualGraph
-
-FloatArray = NDArray[np.float64]
 
 
 def diffuse(X: FloatArray, dual: DualGraph, time: float) -> FloatArray:
@@ -49,5 +47,4 @@ def diffuse(X: FloatArray, dual: DualGraph, time: float) -> FloatArray:
     factors = splu(
         M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
-    smoothed: FloatArray = factors.solve(area[:, None] * X)
-    return smoothed
+    return factors.solve(area[:, None] * X)

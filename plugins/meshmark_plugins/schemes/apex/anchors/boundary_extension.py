@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, sum_at_corners, unit
 from meshmark.mesh.topology import boundary_edges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Rings of triangles, and rounds in which neighbours along the border agree where outwards is:
 # what a cut leaves is a saw's teeth.
@@ -81,8 +78,7 @@ def _border_lengths(V: FloatArray, sides: IntArray) -> FloatArray:
     _, label = connected_components(graph, directed=False)
     own = label[sides[:, 0]]
     total = np.bincount(own, lengths(V[sides[:, 1]] - V[sides[:, 0]]))
-    measured: FloatArray = total[own]
-    return measured
+    return total[own]
 
 
 def _outwards(

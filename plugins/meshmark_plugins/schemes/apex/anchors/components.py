@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges, face_components
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Smaller pieces (eyes, buttons) have no tips of their own worth marking.
 LEAST_SHARE = 0.02

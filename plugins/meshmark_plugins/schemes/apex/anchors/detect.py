@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors.components import Piece, reference_lengths, split
 from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import find_anchors
 from meshmark_plugins.schemes.apex.anchors.persistence import Maxima
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # What counts as the neighbourhood of an anchor, in root areas.
 VICINITY = 0.3
@@ -70,8 +67,7 @@ class Neighbourhood:
 
     def _shares(self, values: FloatArray) -> FloatArray:
         areas = vertex_areas(self.V, self.piece.faces)
-        mean: FloatArray = values @ areas / areas.sum()
-        return mean
+        return values @ areas / areas.sum()
 
 
 @dataclass(frozen=True, eq=False)

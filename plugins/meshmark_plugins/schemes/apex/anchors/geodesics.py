@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import face_areas, lengths
 from meshmark.mesh.topology import edges
 from meshmark_plugins.schemes.apex.anchors.boundary_extension import with_collar
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Diffusion length of the heat flow in root areas. The usual choice, a mean edge, ties distances
 # to the sampling, which is what attacks change.

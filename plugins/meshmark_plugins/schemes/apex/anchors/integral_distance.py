@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark.mesh.topology import boundary_edges, vertex_adjacency
 from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 from meshmark_plugins.schemes.apex.anchors.persistence import Maxima, persistent_maxima
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SAMPLES = 16
 # How far below a maximum its cap reaches, in root areas.
@@ -45,8 +42,7 @@ def integral_distance(V: FloatArray, F: IntArray, radial: RadialDistances) -> Fl
         nearest = np.minimum(nearest, rows[-1])
     D = np.array(rows)
     weights = np.bincount(D.argmin(axis=0), areas, SAMPLES)
-    mean: FloatArray = weights @ D / weights.sum()
-    return mean
+    return weights @ D / weights.sum()
 
 
 def find_anchors(

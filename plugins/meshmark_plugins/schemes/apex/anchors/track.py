@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import MeshAnimation, Topology
 from meshmark.mesh.geometry import face_areas
@@ -17,9 +17,6 @@ from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import look
 from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Least persistence of an anchor that is marked, and of one that is looked at; in root areas.
 LEAST_MARKED, LEAST_SEEN = 0.10, 0.06

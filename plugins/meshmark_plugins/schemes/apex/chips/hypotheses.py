@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
 from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, Profiles
 from meshmark_plugins.schemes.apex.chips.unit_series import LOWEST, PERIOD, members, scale, units
-
-FloatArray = NDArray[np.float64]
 
 # Simplification and smoothing move a tip, and with it where distance begins; in bins. How fast
 # belief falls with that.
@@ -83,8 +82,7 @@ class Guesses:
 
     def scales(self, root_area: float) -> FloatArray:
         """Factor that turns distances in root areas of a piece into those in units, (G,)."""
-        scales: FloatArray = self.factor / units(root_area, self.phase)
-        return scales
+        return self.factor / units(root_area, self.phase)
 
     @property
     def log_prior(self) -> FloatArray:
@@ -107,8 +105,7 @@ def phase(u: FloatArray) -> FloatArray:
     It vanishes at both ends: a vertex that crosses from one bin into the next does not count
     differently all of a sudden.
     """
-    value: FloatArray = -np.sin(2.0 * np.pi * u)
-    return value
+    return -np.sin(2.0 * np.pi * u)
 
 
 def measure(
@@ -165,8 +162,7 @@ def worth(
     border = bins.sums(profiles.border) * np.repeat(scales, len(offsets))[:, None, None]
     nearer = np.cumsum(border, axis=-1) - border
     spoilt = (border >= LEAST_BORDER * width) | (nearer >= DETOUR * width)
-    factors: FloatArray = np.where(spoilt, CUT_WORTH, 1.0)
-    return factors
+    return np.where(spoilt, CUT_WORTH, 1.0)
 
 
 class _Bins:
@@ -206,10 +202,8 @@ class _Bins:
 def soften(s: FloatArray, n: FloatArray) -> FloatArray:
     """Turn chips into evidence in (-1, 1); 0 where too few vertices speak."""
     noise = STRAY**2 + HOST / np.maximum(n, 1.0)
-    evidence: FloatArray = np.where(n >= LEAST_COUNT, np.tanh(GAIN * s / noise), 0.0)
-    return evidence
+    return np.where(n >= LEAST_COUNT, np.tanh(GAIN * s / noise), 0.0)
 
 
 def _ratio(a: FloatArray, b: FloatArray) -> FloatArray:
-    ratio: FloatArray = np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)
-    return ratio
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)

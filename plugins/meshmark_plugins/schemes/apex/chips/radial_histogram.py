@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges
 from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
 from meshmark_plugins.schemes.apex.chips.whitening import whitening
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Cells a bin: fine enough that rounding to a cell costs a chip less than a hundredth.
 CELLS = 32

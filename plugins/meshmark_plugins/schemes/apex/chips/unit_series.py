@@ -9,9 +9,8 @@ goes on through all powers of ten, so that neither metres nor centimetres make a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshmark.arrays import FloatArray
 
 # Members in each power of ten: neighbours differ by a fifth.
 PER_DECADE = 12
@@ -39,20 +38,17 @@ def units(root_area: float, phases: FloatArray) -> FloatArray:
         was shifted: by a change of scale.
     """
     away = np.mod(phases - _place(root_area) - LOWEST, PERIOD) + LOWEST
-    unit: FloatArray = scale(away)
-    return unit
+    return scale(away)
 
 
 def scale(members: FloatArray) -> FloatArray:
     """Ratio between lengths that are so many members of the series apart."""
-    ratio: FloatArray = 10.0 ** (members / PER_DECADE)
-    return ratio
+    return 10.0 ** (members / PER_DECADE)
 
 
 def members(ratio: FloatArray) -> FloatArray:
     """How many members of the series lie between lengths of some ratio."""
-    count: FloatArray = PER_DECADE * np.log10(ratio)
-    return count
+    return PER_DECADE * np.log10(ratio)
 
 
 def _place(root_area: float) -> float:

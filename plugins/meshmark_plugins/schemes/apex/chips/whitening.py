@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, vertex_areas
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ITERATIONS = 60
 TOLERANCE = 1e-7

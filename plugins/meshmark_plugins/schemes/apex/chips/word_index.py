@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
 from meshmark_plugins.schemes.apex.chips.radial_histogram import Profiles
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Words are listed by bulk, in steps of its logarithm, from the least there could be.
 N_WORDS, STEP, LEAST_BULK = 96, 0.07, 0.001
@@ -32,8 +29,7 @@ def bulk(profiles: Profiles, width: float, scales: FloatArray) -> FloatArray:
         Factor that turns distances into units.
     """
     area = profiles.area_within(VICINITY / (width * scales))
-    found: FloatArray = area * scales[:, None] ** 2
-    return found
+    return area * scales[:, None] ** 2
 
 
 def place_of(bulk: FloatArray) -> FloatArray:
@@ -45,5 +41,4 @@ def place_of(bulk: FloatArray) -> FloatArray:
 def choose_words(places: FloatArray) -> IntArray:
     """Give each anchor (C,) the word nearest to its place, no word twice, (C,) int."""
     away = np.abs(places[:, None] - np.arange(N_WORDS))
-    words: IntArray = linear_sum_assignment(away)[1].astype(np.int64)
-    return words
+    return linear_sum_assignment(away)[1].astype(np.int64)

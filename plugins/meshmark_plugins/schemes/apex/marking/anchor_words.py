@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, measure_from
@@ -15,9 +15,6 @@ from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, ve
 from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
 from meshmark_plugins.schemes.apex.chips.word_index import bulk, choose_words, place_of
 from meshmark_plugins.schemes.apex.parameters import Tuning
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Frames whose bulks decide, by their median.
 FRAMES = 5

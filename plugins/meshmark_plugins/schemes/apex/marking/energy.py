@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.marking.sliding import Sliding
 from meshmark_plugins.schemes.apex.marking.stretching import Stretching, stretching_cost
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # About an anchor vertices hardly move, or it would be found elsewhere; in root areas.
 GUARD = 0.05
@@ -53,8 +50,7 @@ class WeightedEnergy:
     def __matmul__(self, d: FloatArray) -> FloatArray:
         moves = d.reshape(-1, 3)
         own = np.einsum("nij,nj->ni", self.blocks, moves)
-        result: FloatArray = (own + self.stretch @ moves).ravel()
-        return result
+        return (own + self.stretch @ moves).ravel()
 
     def inverse_blocks(self) -> bsr_matrix:
         """Invert the block diagonal, (3 N, 3 N) sparse."""
@@ -67,8 +63,7 @@ class WeightedEnergy:
 def guarded(H: FloatArray) -> FloatArray:
     """How much dearer moves are near anchors, (n,), from distances (m, n) in root areas."""
     mobility = np.prod(1.0 - np.exp(-((H / GUARD) ** 2)), axis=0)
-    dearer: FloatArray = np.maximum(mobility, LEAST_MOBILITY) ** -2.0
-    return dearer
+    return np.maximum(mobility, LEAST_MOBILITY) ** -2.0
 
 
 def energy_over_poses(

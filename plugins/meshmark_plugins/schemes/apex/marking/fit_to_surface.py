@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors, lengths, unit, vertex_normals
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROUNDS = 2
 ITERATIONS = 12
@@ -49,8 +46,7 @@ def refit(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
 
 def _samples(V: FloatArray, F: IntArray) -> FloatArray:
     """Spread points over the triangles, (F, 4, 3)."""
-    samples: FloatArray = _SAMPLES @ V[F]
-    return samples
+    return _SAMPLES @ V[F]
 
 
 def _offsets(

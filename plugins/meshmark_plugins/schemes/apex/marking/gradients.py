@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
 from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def distance_directions(near: Neighbourhood) -> FloatArray:

@@ -8,8 +8,8 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray
 from meshmark.workers.ordered_map import Workers
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
@@ -17,8 +17,6 @@ from meshmark_plugins.schemes.apex.marking.energy import Energy, energy_over_pos
 from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Measured, Work
 from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand, displacement
 from meshmark_plugins.schemes.apex.marking.unfold import Folds
-
-FloatArray = NDArray[np.float64]
 
 Asking = Workers[Work, Any]
 

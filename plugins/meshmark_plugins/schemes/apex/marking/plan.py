@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
@@ -21,9 +21,6 @@ from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
 from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keys
 from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Cover, held_chips
 from meshmark_plugins.schemes.apex.parameters import Tuning
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Poses looked at for each key frame: chips change from one pose to the next by as much as a mark
 # moves them, so that each pose left out is one badly served.
@@ -77,8 +74,7 @@ class SurfacePlan:
         return (1.0 - share) * self._key(before) + share * self._key(after)
 
     def _key(self, j: int) -> FloatArray:
-        displacement: FloatArray = self.scale * self.displacements.read(j).ravel()
-        return displacement
+        return self.scale * self.displacements.read(j).ravel()
 
 
 def require_capacity(sightings: Sightings, tuning: Tuning) -> Layout:

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array, vstack
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.deformation import Deformation
@@ -35,8 +35,6 @@ from meshmark_plugins.schemes.apex.marking.gradients import (
 from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand
 from meshmark_plugins.schemes.apex.parameters import Tuning
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Question = Literal["demand", "share"]
 
 # Price of a chip's shortfall beside moving a vertex by a bin's width; above some 1, chips that
@@ -222,8 +220,7 @@ def targets(n: FloatArray, strength: float) -> FloatArray:
     """
     noise = STRAY**2 + HOST / np.maximum(n, 1.0)
     usual = STRAY**2 + HOST / HALF_WORTH
-    target: FloatArray = strength * np.minimum(np.sqrt(noise / usual), MOST)
-    return target
+    return strength * np.minimum(np.sqrt(noise / usual), MOST)
 
 
 def chips_about(

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
 FLATNESS = 0.003
@@ -50,8 +47,7 @@ class Sliding:
     def cost(self, V: FloatArray) -> FloatArray:
         """Cost of moving each vertex of V (N, 3), (N, 3, 3): 1 along planes, much more off them."""
         bend = self.normal_spread(V) + self.rim_spread(V)
-        cost: FloatArray = bend / FLATNESS + np.eye(3)
-        return cost
+        return bend / FLATNESS + np.eye(3)
 
     def normal_spread(self, V: FloatArray) -> FloatArray:
         """Mean of n n^T over the triangles about each vertex, by area, (N, 3, 3).
@@ -82,8 +78,7 @@ class Sliding:
 
     def _mean(self, sums: FloatArray, areas: FloatArray) -> FloatArray:
         about = np.maximum(sum_at_corners(areas, self._F, self._n_points), 1e-300)
-        mean: FloatArray = (sums / about[:, None]).reshape(-1, 3, 3)
-        return mean
+        return (sums / about[:, None]).reshape(-1, 3, 3)
 
 
 def _outer(weights: FloatArray, vectors: FloatArray) -> FloatArray:

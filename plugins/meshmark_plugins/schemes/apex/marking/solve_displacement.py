@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, diags_array, vstack
 
+from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
 from meshmark_plugins.schemes.apex.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.marking.energy import Energy, WeightedEnergy
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Rounds of: which chips still fall short, what moved or stretched far, solve.
 ROUNDS = 4
@@ -117,8 +113,7 @@ class _Operator:
     active: FloatArray
 
     def __matmul__(self, d: FloatArray) -> FloatArray:
-        result: FloatArray = self.cost @ d + self.JT @ (self.active * (self.J @ d))
-        return result
+        return self.cost @ d + self.JT @ (self.active * (self.J @ d))
 
 
 class _Preconditioner:
@@ -143,5 +138,4 @@ class _Preconditioner:
         y: FloatArray = self._inverse @ r
         if self._factor is None:
             return y
-        corrected: FloatArray = y - self._spread @ cho_solve(self._factor, self._mean @ y)
-        return corrected
+        return y - self._spread @ cho_solve(self._factor, self._mean @ y)

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark_plugins.schemes.apex.chips.whitening import stiffness
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Weight of stretching beside moving, for stretches over a bin.
 STIFFNESS = 3.0
@@ -53,8 +50,7 @@ class Stretching:
         for k in range(3):
             change = moves[:, (k + 2) % 3] - moves[:, (k + 1) % 3]
             square += self.along[:, k] * np.einsum("fx,fx->f", change, change)
-        strain: FloatArray = np.sqrt(np.maximum(square, 0.0)) / self.across
-        return strain
+        return np.sqrt(np.maximum(square, 0.0)) / self.across
 
     def matrix(self, factor: FloatArray | float = 1.0) -> csr_matrix:
         """Assemble the cost (N, N), each triangle made `factor` times as dear."""

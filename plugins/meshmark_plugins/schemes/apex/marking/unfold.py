@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.flip_guard import face_normals
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import vertex_adjacency
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ITERATIONS = 20
 # A face that tilts by more than this cosine is ironed: sooner than it would be held back, whose
