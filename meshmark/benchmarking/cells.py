@@ -18,7 +18,7 @@ from meshmark.detection.verdict import PrimVerdict, Verdict
 from meshmark.detection.verify import judge_all
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
-from meshmark.files.json_values import number
+from meshmark.files.atomic import number
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, MeshAnimation
 from meshmark.metrics import Distortion, distortion

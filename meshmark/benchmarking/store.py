@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import meshmark
-from meshmark.embedding.manifest import write_json
 from meshmark.errors import OutputError
 from meshmark.extension.registry import Offer
+from meshmark.files.atomic import write_json
 
 FORMAT = 1
 # Parts of the package on which no result depends.

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.embedding.manifest import file_hashes
 from meshmark.mesh.animation import Asset, InMemoryFrames, MeshAnimation
 from meshmark.mesh.frame_range import frames_in
-from meshmark.sources.readers import read, source_digests
+from meshmark.sources.digests import file_hashes, source_digests
+from meshmark.sources.readers import read
 
 # Two frames this near each other count as one: RMS over the points, share of the diagonal.
 REPEATED = 1e-3

@@ -108,7 +108,7 @@ def recipes_from_text(
 def _write(document: dict[str, Any], folder: Path) -> None:
     from meshmark.benchmarking.page import page_of
     from meshmark.benchmarking.plots import ADVICE, can_plot, draw_plots
-    from meshmark.embedding.manifest import write_json, write_text
+    from meshmark.files.atomic import write_json, write_text
 
     plots: list[str] = []
     if can_plot():

@@ -222,7 +222,7 @@ def _tell(verdict: Verdict, everything: bool) -> None:
 
 
 def _tell_of_manifest(source: str) -> None:
-    from meshmark.embedding.pairing import remark
+    from meshmark.embedding.manifest import remark
 
     said = remark(Path(source))
     if said is not None:

@@ -10,11 +10,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.detection.evidence import Made
 from meshmark.detection.strand import FrameEvidence
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement
-from meshmark.workers.spool import Made
 
 # (own sighting, reference sighting) -> cost (C, D) of matching own carriers with those of the
 # reference; inf where a match is out of the question.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.detection.strand import Strand
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
+
+Thing = TypeVar("Thing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,3 +93,39 @@ class Evidence:
         """Keep some frames."""
         strands = tuple(strand.select(frames) for strand in self.strands)
         return replace(self, times=self.times[list(frames)], strands=strands)
+
+
+class Made(Sequence[Thing]):
+    """A sequence whose items are made whenever they are asked for; pickles as a tuple of them.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the item of an index, from 0 to `length` - 1.
+    length : int
+        Number of items.
+    """
+
+    def __init__(self, make: Callable[[int], Thing], length: int) -> None:
+        self._make, self._indices = make, range(length)
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, index: int) -> Thing: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Thing]: ...
+
+    def __getitem__(self, index: int | slice) -> Thing | Sequence[Thing]:
+        if isinstance(index, slice):
+            chosen = self._indices[index]
+            return Made(lambda i: self._make(chosen[i]), len(chosen))
+        return self._make(self._indices[index])
+
+    def __iter__(self) -> Iterator[Thing]:
+        return map(self._make, self._indices)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (tuple, (tuple(self),))

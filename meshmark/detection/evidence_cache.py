@@ -9,11 +9,11 @@ from pathlib import Path
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
 from meshmark.embedding.asset import MeshProgress
-from meshmark.embedding.manifest import file_hashes
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.animation import Asset
-from meshmark.sources.readers import read, source_digests, source_files
+from meshmark.sources.digests import file_hashes, source_digests
+from meshmark.sources.readers import read, source_files
 
 
 def kept_evidence(

@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import Evidence, Made
 from meshmark.detection.evidence_header import (
     EXPANSION,
     LONGEST,
@@ -31,7 +31,7 @@ from meshmark.detection.sealing import sealed, unsealed
 from meshmark.detection.strand import STEPS, FrameEvidence, Strand
 from meshmark.errors import InputError
 from meshmark.statistics.word_windows import Placement
-from meshmark.workers.spool import Made, Spool
+from meshmark.workers.spool import Spool
 
 FORMAT = "meshmark-evidence-3"
 KIND = f"{FORMAT}\n".encode()

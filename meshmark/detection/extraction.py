@@ -11,7 +11,7 @@ import numpy as np
 
 from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import Evidence, Made
 from meshmark.detection.interpolated_frames import own_poses
 from meshmark.detection.reference_frame import readable, reference_frame
 from meshmark.detection.strand import Strand, in_steps
@@ -23,7 +23,7 @@ from meshmark.extension.interfaces import AnyScheme, JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map
-from meshmark.workers.spool import Made, Spool
+from meshmark.workers.spool import Spool
 
 Progress = Callable[[int, int], None]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
+from meshmark.detection.evidence import Made
 from meshmark.statistics.word_windows import Placement, together
-from meshmark.workers.spool import Made
 
 # Evidence is kept in steps of 1 / 127, an eighth of the room: whoever is judged by it is judged
 # by the rounded numbers, which are as independent of the key as the others.

@@ -11,7 +11,7 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.hypothesis_test import Finding, judge_each
-from meshmark.files.json_values import number
+from meshmark.files.atomic import number
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
 

@@ -10,7 +10,7 @@ from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
+from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation, as_asset
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.recipients import recipient_name
@@ -173,8 +173,3 @@ def _remaining(
             prim=animation.prim,
         )
     return kept
-
-
-def as_asset(animation: MeshAnimation) -> Asset:
-    """Wrap one animation as an asset of its own."""
-    return Asset(source=animation.origin, meshes=(animation,), reader="memory")

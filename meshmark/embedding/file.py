@@ -21,25 +21,19 @@ from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import PrimVerdict, Verdict
 from meshmark.detection.verify import judge_all
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh, embed
-from meshmark.embedding.manifest import FORMAT, Manifest, file_hashes, manifest_path, write_json
+from meshmark.embedding.manifest import FORMAT, Manifest, announced, manifest_path, output_hashes
 from meshmark.embedding.outputs import check_output, complete, reread
-from meshmark.embedding.pairing import announced, output_hashes
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
-from meshmark.files.json_values import number
+from meshmark.files.atomic import number, write_json
 from meshmark.files.locks import held
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset
 from meshmark.metrics import distortion
 from meshmark.recipients import recipient_name
+from meshmark.sources.digests import file_hashes, require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
-from meshmark.sources.readers import (
-    read,
-    require_unchanged,
-    source_digests,
-    texture_coordinates,
-    writer,
-)
+from meshmark.sources.readers import read, texture_coordinates, writer
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import sharing_workers
 
@@ -113,7 +107,7 @@ def mark_file(
     ------
     InputError, CapacityError, UsageError, OutputError
         Nothing is written then, unless it is what was written that cannot be verified, or its
-        source that changed meanwhile: the manifest says so (see `meshmark.embedding.pairing`).
+        source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")

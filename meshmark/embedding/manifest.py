@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshmark.files.atomic import written_beside
+from meshmark.errors import InputError
+from meshmark.files.atomic import read_small, write_bytes, write_json
+from meshmark.sources.digests import sha256
 
 MANIFEST_SUFFIX = ".meshmark.json"
 FORMAT = 1
@@ -39,42 +41,132 @@ def manifest_path(output: Path) -> Path:
     return output.with_name(output.name + MANIFEST_SUFFIX)
 
 
-def write_json(document: dict[str, Any], path: Path) -> None:
-    """Write JSON beside `path`, then put it in place.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written to.
-    """
-    write_text(json.dumps(document, indent=2, sort_keys=False, allow_nan=False) + "\n", path)
+# Bytes of a manifest.
+LONGEST = 1 << 26
 
 
-def write_text(text: str, path: Path) -> None:
-    """Write text beside `path`, then put it in place; see `write_json`."""
-    write_bytes(text.encode("utf-8"), path)
+NOTE = (
+    "The run that this tells of is under way, or was broken off. A file that has the hashes below "
+    "is what was there before, and the manifest below is its own; any other was never verified."
+)
 
 
-def write_bytes(data: bytes, path: Path) -> None:
-    """Write bytes beside `path`, then put them in place; see `write_json`."""
-    with written_beside(path) as file:
-        file.write(data)
+Hashes = list[dict[str, str]]
 
 
-def file_hashes(files: Iterable[tuple[str, str]], folder: Path) -> list[dict[str, str]]:
-    """Name hashed files relative to a folder.
-
-    Parameters
-    ----------
-    files : iterable of (str, str)
-        Absolute path and SHA-256; see `meshmark.sources.readers.source_digests`.
+def output_hashes(output: Path) -> Hashes:
+    """Hash an output, a file or each file of a folder; nothing if it is missing.
 
     Returns
     -------
     list of {"file", "sha256"}
-        In the order given.
+        Names are relative to the folder that the output is in.
     """
+    files = sorted(output.iterdir()) if output.is_dir() else [output]
     return [
-        {"file": Path(os.path.relpath(file, folder)).as_posix(), "sha256": digest}
-        for file, digest in files
+        {"file": file.relative_to(output.parent).as_posix(), "sha256": sha256(file)}
+        for file in files
+        if file.is_file()
     ]
+
+
+@contextmanager
+def announced(document: dict[str, Any], output: Path) -> Iterator[None]:
+    """Let the manifest say what a run is about to do to an output, while the block does it.
+
+    The block is to end with the manifest of what it wrote. If it is left by an exception and the
+    output is what it was, so will be its manifest; if not, the announcement stays.
+
+    Parameters
+    ----------
+    document : dict
+        What is known of the output as yet.
+
+    Raises
+    ------
+    InputError
+        If what is in the manifest's place cannot be read.
+    OutputError
+        If it cannot be written. Nothing is changed in either case.
+    """
+    path = manifest_path(output)
+    standing, content = output_hashes(output), _content(path)
+    before = {"files": standing, "manifest": _manifest_of(standing, _parsed(content))}
+    write_json({**document, "unfinished": {"note": NOTE, **before}}, path)
+    try:
+        yield
+    except BaseException:
+        if output_hashes(output) == standing:
+            _put_back(content, path)
+        raise
+
+
+def remark(output: Path) -> str | None:
+    """Say what is wrong with the manifest beside a file or folder; None if it is its own.
+
+    There may be none, or one of an older version, which does not tell what it belongs to.
+    """
+    try:
+        content = _content(manifest_path(output))
+    except InputError as error:
+        return f"the manifest beside it {error.message}"
+    if content is None or not output.exists():
+        return None
+    found = _parsed(content)
+    if found is None:
+        return "the manifest beside it is none"
+    standing = output_hashes(output)
+    unfinished = found.get("unfinished")
+    if isinstance(unfinished, dict):
+        if _same(unfinished.get("files"), standing):
+            return "the manifest beside it is of a run that has not replaced it"
+        return "the manifest beside it is of a run that was not finished; this was not verified"
+    if "output_files" in found and not _same(found["output_files"], standing):
+        return "the manifest beside it is of another file: the hashes differ"
+    return None
+
+
+def _manifest_of(standing: Hashes, found: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Choose what speaks of the output that stands: a manifest, what it replaced, or nothing."""
+    if found is None or not standing:
+        return None
+    unfinished = found.get("unfinished")
+    if not isinstance(unfinished, dict):
+        return found if _same(found.get("output_files", standing), standing) else None
+    if _same(unfinished.get("files"), standing):
+        manifest = unfinished.get("manifest")
+        return manifest if isinstance(manifest, dict) else None
+    return {name: value for name, value in found.items() if name != "unfinished"}
+
+
+def _same(told: Any, standing: Hashes) -> bool:
+    """Compare hashes that a manifest tells; a copy under another name is the same copy."""
+    if not isinstance(told, list) or not all(isinstance(each, dict) for each in told):
+        return False
+    if len(told) == len(standing) == 1:
+        return bool(told[0].get("sha256") == standing[0]["sha256"])
+    return _by_name(told) == _by_name(standing)
+
+
+def _by_name(files: Hashes) -> dict[str, Any]:
+    return {str(each.get("file")).partition("/")[2]: each.get("sha256") for each in files}
+
+
+def _content(path: Path) -> bytes | None:
+    """Read a manifest, whoever wrote it; None if there is none."""
+    return read_small(path, LONGEST) if path.exists() else None
+
+
+def _parsed(content: bytes | None) -> dict[str, Any] | None:
+    try:
+        document = None if content is None else json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None
+
+
+def _put_back(content: bytes | None, path: Path) -> None:
+    if content is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_bytes(content, path)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from meshmark.errors import InputError, OutputError
 from meshmark.files.temporary import TemporaryFolder
@@ -140,3 +142,30 @@ def _claim(text: str, path: Path) -> None:
     except BaseException:
         path.unlink()
         raise
+
+
+def write_json(document: dict[str, Any], path: Path) -> None:
+    """Write JSON beside `path`, then put it in place.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written to.
+    """
+    write_text(json.dumps(document, indent=2, sort_keys=False, allow_nan=False) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write text beside `path`, then put it in place; see `write_json`."""
+    write_bytes(text.encode("utf-8"), path)
+
+
+def write_bytes(data: bytes, path: Path) -> None:
+    """Write bytes beside `path`, then put them in place; see `write_json`."""
+    with written_beside(path) as file:
+        file.write(data)
+
+
+def number(x: float) -> float | None:
+    """Return a plain float, or None for what JSON has no word for: not a number, infinite."""
+    return float(x) if math.isfinite(x) else None

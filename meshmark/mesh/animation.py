@@ -390,3 +390,8 @@ class Asset:
                 return animation
         known = ", ".join(animation.prim for animation in self.meshes[:10])
         raise UsageError(f"no mesh at {prim}; there is {known}", source=self.source)
+
+
+def as_asset(animation: MeshAnimation) -> Asset:
+    """Wrap one animation as an asset of its own."""
+    return Asset(source=animation.origin, meshes=(animation,), reader="memory")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from glob import glob
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.registry import catalogue, make_reader
-from meshmark.files.atomic import opened, require_no_device
+from meshmark.files.atomic import require_no_device
 from meshmark.mesh.animation import Asset
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
-CHUNK = 1 << 24  # bytes of a file that are hashed at a time
 
 
 def is_stage(source: str) -> bool:
@@ -108,46 +106,6 @@ def source_files(source: str) -> list[Path]:
         return sorted(entry for entry in path.iterdir() if entry.is_file())
     # Path.glob takes no absolute patterns.
     return sorted(Path(name) for name in glob(source)) or [path]  # noqa: PTH207
-
-
-def source_digests(asset: Asset) -> tuple[tuple[str, str], ...]:
-    """Return the absolute path and the SHA-256 of each file of an asset's source.
-
-    Where all was read before, they are those of the very bytes that were.
-    """
-    if asset.facts is not None:
-        return asset.facts.files
-    files = (path.resolve() for path in source_files(asset.source))
-    return tuple((str(path), sha256(path)) for path in files)
-
-
-def require_unchanged(files: Iterable[tuple[str, str]]) -> None:
-    """Refuse to go on with a source of which a file is not what it was.
-
-    Parameters
-    ----------
-    files : iterable of (str, str)
-        As `source_digests` found them.
-
-    Raises
-    ------
-    InputError
-        If one was changed.
-    """
-    for file, digest in files:
-        if sha256(Path(file)) != digest:
-            raise InputError("changed while it was read; start again", source=file)
-
-
-def sha256(path: Path, beat: Callable[[], None] | None = None) -> str:
-    """Hash a file; `beat` is called after every few megabytes."""
-    digest = hashlib.sha256()
-    with opened(path) as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-            if beat is not None:
-                beat()
-    return digest.hexdigest()
 
 
 def texture_coordinates(asset: Asset, prim: str) -> NDArray[np.float64] | None:

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, Vt
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Topology
-from meshmark.mesh.arrays import require_measurable
+from meshmark.mesh.checks import require_measurable
 
 Float32Array = NDArray[np.float32]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Generic, TypeVar, overload
+from typing import Generic, TypeVar
 
 from meshmark.errors import OutputError
 from meshmark.files.temporary import no_room
@@ -61,39 +60,3 @@ class Spool(Generic[Thing]):
         begin, end = self._begins[number], self._begins[number + 1]
         self._file.seek(begin)
         return pickle.loads(self._file.read(end - begin))
-
-
-class Made(Sequence[Thing]):
-    """A sequence whose items are made whenever they are asked for; pickles as a tuple of them.
-
-    Parameters
-    ----------
-    make : callable
-        Makes the item of an index, from 0 to `length` - 1.
-    length : int
-        Number of items.
-    """
-
-    def __init__(self, make: Callable[[int], Thing], length: int) -> None:
-        self._make, self._indices = make, range(length)
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    @overload
-    def __getitem__(self, index: int) -> Thing: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Thing]: ...
-
-    def __getitem__(self, index: int | slice) -> Thing | Sequence[Thing]:
-        if isinstance(index, slice):
-            chosen = self._indices[index]
-            return Made(lambda i: self._make(chosen[i]), len(chosen))
-        return self._make(self._indices[index])
-
-    def __iter__(self) -> Iterator[Thing]:
-        return map(self._make, self._indices)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (tuple, (tuple(self),))

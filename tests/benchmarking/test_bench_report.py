@@ -23,9 +23,8 @@ from meshmark.cli.bench import exit_code
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.strand import Strand
 from meshmark.detection.verdict import decide
-from meshmark.embedding.asset import as_asset
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation, as_asset
 from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder
 

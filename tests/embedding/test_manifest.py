@@ -19,8 +19,7 @@ from meshmark.detection import evidence_cache
 from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.embedding import file as publishing
 from meshmark.embedding.file import mark_file
-from meshmark.embedding.manifest import manifest_path
-from meshmark.embedding.pairing import announced, output_hashes, remark
+from meshmark.embedding.manifest import announced, manifest_path, output_hashes, remark
 from meshmark.errors import InputError, OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
-from meshmark.embedding.asset import as_asset
 from meshmark.embedding.file import mark_file
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.animation import MeshAnimation, as_asset
 from meshmark.metrics import distortion, texture_drift
 from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution

@@ -22,9 +22,10 @@ from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
 from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.sources.digests import source_digests
 from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
-from meshmark.sources.readers import read, source_digests, texture_coordinates
+from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import icosphere
 from usd_stages import CUBE_POINTS, cube, sampled, write_text
 

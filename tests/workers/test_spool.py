@@ -5,8 +5,9 @@ import pickle
 import numpy as np
 import pytest
 
+from meshmark.detection.evidence import Made
 from meshmark.errors import OutputError
-from meshmark.workers.spool import Made, Spool
+from meshmark.workers.spool import Spool
 
 
 @pytest.mark.parametrize("room", [1, 1 << 20], ids=["on disk", "in memory"])

@@ -16,6 +16,7 @@ from typing import Any
 
 from meshmark.errors import InputError, MeshmarkError, OutputError
 from meshmark.files.temporary import no_room
+from meshmark.sources.digests import sha256
 from meshmark.sources.isolation.frames import ArrayWriter
 from meshmark.sources.isolation.limits import DISK_VARIABLE, Limits
 from meshmark.sources.isolation.report import (
@@ -25,7 +26,7 @@ from meshmark.sources.isolation.report import (
     describe_asset,
     describe_error,
 )
-from meshmark.sources.readers import files_in_reach, read, sha256, source_files
+from meshmark.sources.readers import files_in_reach, read, source_files
 
 
 class Reading:

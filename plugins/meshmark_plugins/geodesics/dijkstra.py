@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from meshmark.arrays import FloatArray
-from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.checks import mesh_arrays
 from meshmark.mesh.topology import edges
 from meshmark_plugins.geodesics.sources import source_indices
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.checks import mesh_arrays
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.parameters import require_number
-from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.checks import mesh_arrays
 from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
 from meshmark_plugins.geodesics.sources import source_indices
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Topology
-from meshmark.mesh.arrays import measurable
+from meshmark.mesh.checks import measurable
 
 ByteArray = NDArray[np.uint8]
 

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.parameters import require_number, require_whole
-from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.checks import mesh_arrays
 from meshmark.mesh.open3d_import import load_open3d
 from meshmark.mesh.topology import face_adjacency
 from meshmark_plugins.segmenters.sdf.dual import normals_and_areas, unit_corners

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.parameters import require_number, require_whole
-from meshmark.mesh.arrays import mesh_arrays
+from meshmark.mesh.checks import mesh_arrays
 from meshmark_plugins.segmenters.sdf.creases import cut_costs
 from meshmark_plugins.segmenters.sdf.cut import expand
 from meshmark_plugins.segmenters.sdf.diameter import shape_diameter
