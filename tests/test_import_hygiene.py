@@ -79,18 +79,18 @@ def test_nothing_heavy_is_imported_early(statement: str) -> None:
 
 
 def test_every_public_name_is_found_where_it_is_said_to_be() -> None:
-    tree = ast.parse((CORE / "__init__.py").read_text("utf-8"))
+    tree = ast.parse((CORE / "__init__.pyi").read_text("utf-8"))
     said = {
-        alias.name: node.module
+        alias.name: f"meshmark.{node.module}"
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("meshmark.")
+        if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
     assert sorted(said) == sorted(meshmark.__all__)
     assert set(meshmark.__all__) <= set(dir(meshmark))
     for name, module in said.items():
         assert getattr(meshmark, name) is getattr(importlib.import_module(module), name)
-    with pytest.raises(AttributeError, match="no attribute 'unheard_of'"):
+    with pytest.raises(AttributeError, match="attribute unheard_of"):
         meshmark.unheard_of  # noqa: B018
 
 

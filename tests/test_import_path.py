@@ -15,7 +15,8 @@ import pytest
 from folders import REPOSITORY
 from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.meshes import icosphere
 
 TRAP = "from os import environ\nopen(environ['SPRUNG'], 'a').write(__name__ + '\\n')\n"

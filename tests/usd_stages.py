@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd, Vt
 
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.usd.reading import read_stage
 
 CUBE_POINTS = np.array(

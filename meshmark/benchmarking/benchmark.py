@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,9 +33,7 @@ from meshmark.extension.registry import Offer, catalogue
 from meshmark.keys import Key
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import ordered_map
-
-# Called with (stage of the work, what it is about, done, in all).
-Progress = Callable[[str, str, int, int], None]
+from meshmark.workers.progress import MeshProgress, StageProgress
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def run_benchmark(
     seed: int = 0,
     trusted: bool = True,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> dict[str, Any]:
     """Run a benchmark, or what is missing of it.
 
@@ -166,7 +164,7 @@ def _mark(
     subject: Subject,
     recipe: Recipe,
     jobs: int,
-    progress: Progress | None,
+    progress: StageProgress | None,
 ) -> Pairing:
     recipients: list[str | None] = [None]
     if any(cell.copy_as is not None for cell in suite.cells):
@@ -196,7 +194,7 @@ def _mark(
     return Pairing(subject, recipe, tuple(copies))
 
 
-def _renamed(progress: Progress, what: str) -> Callable[[str, int, int], None]:
+def _renamed(progress: StageProgress, what: str) -> MeshProgress:
     return lambda prim, done, total: progress("mark", f"{what} {prim}", done, total)
 
 
@@ -228,7 +226,7 @@ def _tasks(bench: Bench, suite: Suite, pairings: Sequence[Pairing]) -> list[Task
     return [*distortions, *cells]
 
 
-def _perform_missing(tasks: Sequence[Task], jobs: int, progress: Progress | None) -> None:
+def _perform_missing(tasks: Sequence[Task], jobs: int, progress: StageProgress | None) -> None:
     orders = [Order(task, task.identity) for task in tasks]
     missing = {
         identity_hash(order.identity): order

@@ -20,7 +20,8 @@ from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.files.atomic import number
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.metrics import Distortion, distortion
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.sources.readers import texture_coordinates

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,9 @@ from meshmark.embedding.asset import embed
 from meshmark.embedding.outputs import complete
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import read, writer
-
-MeshProgress = Callable[[str, int, int], None]
+from meshmark.workers.progress import MeshProgress
 
 # Whose copy the second one of a collusion is.
 COLLUDER = "colluder"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.mesh.animation import Asset, InMemoryFrames, MeshAnimation
+from meshmark.mesh.animation import InMemoryFrames, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in
 from meshmark.sources.digests import file_hashes, source_digests
 from meshmark.sources.readers import read

@@ -14,7 +14,7 @@ from meshmark.extension.interfaces import Attack
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_attack, make_reader
 from meshmark.files.places import require_apart
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach
 
 

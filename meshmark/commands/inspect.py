@@ -12,7 +12,8 @@ from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.interfaces import JointScheme
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.precision import require_precision
 from meshmark.mesh.welding import Welding

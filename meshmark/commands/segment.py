@@ -12,7 +12,8 @@ from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Segmenter
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_segmenter
-from meshmark.mesh.animation import Asset, Frame
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
 from meshmark.sources.readers import LAYER_SUFFIXES

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from meshmark.errors import CapacityError, InputError
-from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, LeftOut
 from meshmark.mesh.checks import bad_frames, check
 from meshmark.mesh.geometry import face_areas
 

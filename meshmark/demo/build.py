@@ -12,7 +12,9 @@ from meshmark.demo.skeleton import creature_skeleton
 from meshmark.demo.skinning import skin, skin_weights
 from meshmark.demo.surface import rest_mesh
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 
 PRIM = "/Creature/Geom/body"
 FILE_NAME = "creature.usdc"

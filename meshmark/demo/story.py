@@ -12,13 +12,14 @@ from meshmark.commands.attack import attack_asset, write_attacked
 from meshmark.demo import write_creature
 from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import verify
-from meshmark.embedding.file import Progress, mark_file
+from meshmark.embedding.file import mark_file
 from meshmark.errors import OutputError
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
 from meshmark.sources.readers import read
+from meshmark.workers.progress import StageProgress
 
 SEED = 1
 FRAMES = 24
@@ -28,7 +29,7 @@ ATTACKS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 )
 
 
-def tell(folder: Path, *, jobs: int, progress: Progress | None = None) -> Iterator[str]:
+def tell(folder: Path, *, jobs: int, progress: StageProgress | None = None) -> Iterator[str]:
     """Run the demonstration and tell of it, line by line.
 
     Parameters

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.detection.evidence import Evidence
-from meshmark.detection.strand import STEPS
+from meshmark.detection.evidence import STEPS, Evidence
 from meshmark.statistics.p_values import reading_promises
 from meshmark.statistics.word_windows import WINDOW, Placement
 

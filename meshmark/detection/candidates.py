@@ -15,10 +15,11 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.reference_frame import groups, readable, reference_frame
 from meshmark.errors import CapacityError, InputError
-from meshmark.mesh.animation import Asset, Frame, FrameSource, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.components import seams, sewn, surface_components
 from meshmark.mesh.geometry import face_areas
-from meshmark.mesh.topology import face_components
+from meshmark.mesh.topology import Topology, face_components
 from meshmark.mesh.welding import Welding
 
 # A surface of fewer vertices holds no mark by itself.

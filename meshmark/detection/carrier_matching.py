@@ -10,8 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.detection.evidence import Made
-from meshmark.detection.strand import FrameEvidence
+from meshmark.detection.evidence import FrameEvidence, Made
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.statistics.word_windows import Placement

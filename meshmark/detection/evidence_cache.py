@@ -8,12 +8,12 @@ from pathlib import Path
 
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
-from meshmark.embedding.asset import MeshProgress
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import file_hashes, source_digests
 from meshmark.sources.readers import read, source_files
+from meshmark.workers.progress import MeshProgress
 
 
 def kept_evidence(

@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.detection.evidence import Evidence, Made
+from meshmark.detection.evidence import STEPS, Evidence, FrameEvidence, Made, Strand
 from meshmark.detection.evidence_header import (
     EXPANSION,
     LONGEST,
@@ -28,7 +28,6 @@ from meshmark.detection.evidence_header import (
     parse_header,
 )
 from meshmark.detection.sealing import sealed, unsealed
-from meshmark.detection.strand import STEPS, FrameEvidence, Strand
 from meshmark.errors import InputError
 from meshmark.statistics.word_windows import Placement
 from meshmark.workers.spool import Spool

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,10 +11,9 @@ import numpy as np
 
 from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.detection.evidence import Evidence, Made
+from meshmark.detection.evidence import Evidence, Made, Strand, in_steps
 from meshmark.detection.interpolated_frames import own_poses
 from meshmark.detection.reference_frame import readable, reference_frame
-from meshmark.detection.strand import Strand, in_steps
 from meshmark.detection.unsmoothing import unsmooth
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
@@ -23,9 +22,8 @@ from meshmark.extension.interfaces import AnyScheme, JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map
+from meshmark.workers.progress import FrameProgress
 from meshmark.workers.spool import Spool
-
-Progress = Callable[[int, int], None]
 
 # Belief that nothing was smoothed; the rest is shared by the restorations a scheme asks for.
 UNTOUCHED = 0.6
@@ -173,7 +171,7 @@ class Extraction:
         self,
         frames: Sequence[int],
         restorations: tuple[int, ...] | None = None,
-        progress: Progress | None = None,
+        progress: FrameProgress | None = None,
     ) -> Evidence:
         """Measure the frames that were not yet, and return the evidence of them all.
 
@@ -291,7 +289,7 @@ def extract(
     *,
     frames: Sequence[int] | None = None,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: FrameProgress | None = None,
 ) -> Evidence:
     """Measure the evidence of one mesh.
 

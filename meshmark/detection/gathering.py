@@ -10,12 +10,13 @@ from functools import partial
 from meshmark.detection.candidates import Candidate, candidates
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
-from meshmark.embedding.asset import MeshProgress
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.recipe import Recipe, all_schemes
-from meshmark.mesh.animation import Asset, MeshAnimation, as_asset
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, as_asset
 from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
 from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.progress import MeshProgress
 
 # Meshes that one remark is made of, by name.
 MOST_NAMED = 3

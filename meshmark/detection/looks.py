@@ -13,13 +13,14 @@ from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import Survey, extractions
 from meshmark.detection.verdict import Verdict, decide, together
-from meshmark.embedding.asset import MeshProgress
 from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation, as_asset
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, as_asset
 from meshmark.recipients import spellings
 from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.progress import MeshProgress
 
 
 @sharing_workers

@@ -9,13 +9,14 @@ from dataclasses import replace
 from meshmark.detection.gathering import AssetEvidence, gather
 from meshmark.detection.looks import verify_in_looks
 from meshmark.detection.verdict import Verdict, decide, without_weight
-from meshmark.embedding.asset import MeshProgress
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import AUTO
 from meshmark.recipients import spellings
 from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.progress import MeshProgress
 
 
 @sharing_workers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,13 +10,13 @@ from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation, as_asset
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, LeftOut, as_asset
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.recipients import recipient_name
 from meshmark.workers.ordered_map import sharing_workers
-
-MeshProgress = Callable[[str, int, int], None]
+from meshmark.workers.progress import MeshProgress
 
 
 @dataclass(frozen=True, eq=False)

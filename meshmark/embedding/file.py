@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number, write_json
 from meshmark.files.locks import held
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.metrics import distortion
 from meshmark.recipients import recipient_name
 from meshmark.sources.digests import file_hashes, require_unchanged, source_digests
@@ -36,9 +36,7 @@ from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import read, texture_coordinates, writer
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import sharing_workers
-
-# Called with (stage of the work, prim, frames done, frames in all).
-Progress = Callable[[str, str, int, int], None]
+from meshmark.workers.progress import MeshProgress, StageProgress
 
 TARGET_FPR = 1e-6
 
@@ -59,7 +57,7 @@ def mark_file(
     dry_run: bool = False,
     trusted: bool = True,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Manifest:
     """Mark a source, write the result and its manifest, and verify what was written.
 
@@ -228,7 +226,7 @@ def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int
     }
 
 
-def _stage(progress: Progress | None, stage: str) -> Callable[[str, int, int], None] | None:
+def _stage(progress: StageProgress | None, stage: str) -> MeshProgress | None:
     if progress is None:
         return None
     return lambda prim, done, total: progress(stage, prim, done, total)

@@ -1,4 +1,10 @@
-"""The manifest beside a marked file: what was marked, how, and what became of it. No secrets."""
+"""The manifest beside a marked file: what was marked, how, and what became of it. No secrets.
+
+At no moment does the manifest of one output pass for that of another. Two files cannot be put in
+place at once. So the manifest goes first and last: before an output is written, the manifest
+beside it says that a run is under way, and what stands there as yet; after it was verified, the
+manifest holds the output's own hashes.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +21,14 @@ from meshmark.sources.digests import sha256
 
 MANIFEST_SUFFIX = ".meshmark.json"
 FORMAT = 1
+# Bytes of a manifest.
+LONGEST = 1 << 26
+NOTE = (
+    "The run that this tells of is under way, or was broken off. A file that has the hashes below "
+    "is what was there before, and the manifest below is its own; any other was never verified."
+)
+
+Hashes = list[dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -39,19 +53,6 @@ class Manifest:
 def manifest_path(output: Path) -> Path:
     """Return the place of the manifest of a marked file or folder."""
     return output.with_name(output.name + MANIFEST_SUFFIX)
-
-
-# Bytes of a manifest.
-LONGEST = 1 << 26
-
-
-NOTE = (
-    "The run that this tells of is under way, or was broken off. A file that has the hashes below "
-    "is what was there before, and the manifest below is its own; any other was never verified."
-)
-
-
-Hashes = list[dict[str, str]]
 
 
 def output_hashes(output: Path) -> Hashes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,6 +26,7 @@ from meshmark.mesh.topology import boundary_edges, edges
 from meshmark.mesh.welding import Welding
 from meshmark.statistics.p_values import log10_p_words
 from meshmark.workers.ordered_map import ordered_map, sharing_workers
+from meshmark.workers.progress import FrameProgress
 from meshmark.workers.scratch import DisplacedFrames, ScratchFile
 
 ROUNDS = 6
@@ -38,8 +39,6 @@ REHEARSED = 0.6
 LAYOUT_ROUNDS = 3
 # Share of its evidence that blind detection must find for a layout to count as settled.
 SETTLED = 0.9
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +106,7 @@ def embed_animation(
     recipient: str | None = None,
     frames: tuple[int, ...] | None = None,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: FrameProgress | None = None,
 ) -> Embedded:
     """Mark one mesh.
 

@@ -10,7 +10,7 @@ from meshmark.embedding.asset import MarkedAsset
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.places import assets_folder, require_apart, require_names_fit
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach, read
 
 

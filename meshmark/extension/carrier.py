@@ -70,7 +70,7 @@ class Sighting:
     soft : (R, C, K) float or int8
         Evidence of the K chips of C carriers in [-1, 1], for each of R readings; 0 for an
         erasure, which says neither +1 nor -1. Measured without any key. Schemes give it as
-        floats; what is kept of it are the int8 steps of `meshmark.detection.strand.in_steps`.
+        floats; what is kept of it are the int8 steps of `meshmark.detection.evidence.in_steps`.
     log_prior : (R,) float64
         Natural logarithm of the belief in each reading; the exponentials sum to at most 1.
     descriptors : (C, m) float64

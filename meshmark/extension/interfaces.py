@@ -10,7 +10,8 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.carrier import Carrier, Sighting
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 
 
 @runtime_checkable

@@ -14,6 +14,8 @@ from meshmark.mesh.geometry import face_areas, surface_box
 
 # Share of the squared diagonal below which a surface has no area: it is a point, or a line.
 NO_AREA = 1e-12
+# What single precision can hold: far beyond, squares and products overflow even in double.
+FARTHEST = np.finfo(np.float32).max
 
 
 def check(animation: MeshAnimation) -> None:
@@ -79,10 +81,6 @@ def _require_extent(frame: Frame) -> None:
     unit = (frame.points - centre) / diagonal
     if face_areas(unit, frame.faces).sum() < NO_AREA:
         raise NoExtentError("the mesh is scaled to a line: it has no area")
-
-
-# What single precision can hold: far beyond, squares and products overflow even in double.
-FARTHEST = np.finfo(np.float32).max
 
 
 def mesh_arrays(V: ArrayLike, F: ArrayLike) -> tuple[FloatArray, IntArray]:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from meshmark.errors import UsageError
-from meshmark.mesh.animation import Asset, LeftOut, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, LeftOut
 
 # Stands for "as many frames as it takes".
 AUTO = "auto"

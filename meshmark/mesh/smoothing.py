@@ -8,8 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.animation import Topology
-from meshmark.mesh.topology import polygon_edges
+from meshmark.mesh.topology import Topology, polygon_edges
 
 LAMBDA = 0.1
 

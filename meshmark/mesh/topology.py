@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.errors import InputError
 
 
 def triangulate(counts: IntArray, indices: IntArray) -> IntArray:
@@ -173,3 +178,98 @@ def weld(
     rank[order] = np.arange(len(order))
     new = rank[inverse.reshape(-1)].astype(np.int64)
     return V[first[order]], new[F], new
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Polygons over `n_points` points, and their triangles for analysis.
+
+    Parameters
+    ----------
+    counts : (P,) int
+        Corners of each polygon.
+    indices : (sum(counts),) int
+        Point index of each corner, polygon after polygon.
+    n_points : int
+        Number of points the indices refer to.
+    left_out : str
+        What is wrong with polygons that were left out; see `fit`.
+
+    Raises
+    ------
+    InputError
+        If an index is out of range, a polygon has fewer than three corners, or counts and
+        indices do not agree.
+    """
+
+    counts: IntArray
+    indices: IntArray
+    n_points: int
+    left_out: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "counts", np.ascontiguousarray(self.counts, dtype=np.int64))
+        object.__setattr__(self, "indices", np.ascontiguousarray(self.indices, dtype=np.int64))
+        if self.counts.size == 0:
+            raise InputError("the mesh has no faces")
+        if self.counts.min() < 3:
+            raise InputError("the mesh has a face with fewer than three corners")
+        # One by one first: the sum of numbers out of a file may overflow.
+        largest = int(self.counts.max())
+        corners = largest if largest > self.indices.size else int(self.counts.sum())
+        if corners != self.indices.size:
+            raise InputError(
+                f"face counts ask for {corners} corners, but {self.indices.size} indices are given"
+            )
+        low, high = int(self.indices.min()), int(self.indices.max())
+        if low < 0 or high >= self.n_points:
+            raise InputError(
+                f"face index {low if low < 0 else high} is out of range for {self.n_points} points"
+            )
+
+    @classmethod
+    def fit(cls, counts: IntArray, indices: IntArray, n_points: int) -> Topology:
+        """Build a topology of those polygons that are any, if there are some.
+
+        One bad index in a copy must not keep the rest of it from being looked at. What was left
+        out is told in `left_out`; `meshmark.mesh.checks.check` refuses it.
+        """
+        try:
+            return cls(counts, indices, n_points)
+        except InputError as error:
+            if len(counts) == 0 or counts.min() < 0 or counts.max() > len(indices):
+                raise
+            if counts.sum() != len(indices):
+                raise
+            polygon = np.repeat(np.arange(len(counts)), counts)
+            kept = counts >= 3
+            kept[polygon[(indices < 0) | (indices >= n_points)]] = False
+            if not kept.any():
+                raise
+            told = f"{np.sum(~kept)} of {len(kept)} faces cannot be used: {error.message}"
+            return cls(counts[kept], indices[kept[polygon]], n_points, told)
+
+    @classmethod
+    def from_triangles(cls, faces: IntArray, n_points: int) -> Topology:
+        """Build a topology of triangles, `faces` (F, 3) int."""
+        return cls(np.full(len(faces), 3, dtype=np.int64), np.asarray(faces).reshape(-1), n_points)
+
+    @cached_property
+    def triangles(self) -> IntArray:
+        """Polygons as a fan of triangles, (F, 3) int, in polygon order."""
+        return triangulate(self.counts, self.indices)
+
+    def digest(self) -> bytes:
+        """Return what is equal for topologies that are the same."""
+        found = hashlib.blake2b(self.counts.tobytes(), digest_size=16)
+        found.update(self.indices.tobytes())
+        found.update(f"{self.n_points} {self.left_out}".encode())
+        return found.digest()
+
+    def same_as(self, other: Topology) -> bool:
+        """Tell whether both describe the same polygons over the same number of points."""
+        return self is other or (
+            self.n_points == other.n_points
+            and np.array_equal(self.counts, other.counts)
+            and np.array_equal(self.indices, other.indices)
+        )

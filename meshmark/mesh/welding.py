@@ -8,8 +8,8 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
-from meshmark.mesh.animation import Frame, Topology
-from meshmark.mesh.topology import any_corner, weld
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.topology import Topology, any_corner, weld
 
 # Where more triangles than this meet in a vertex, as they do in the first corner of a polygon of
 # so many corners, rays and distances take time that grows with their square.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from meshmark.errors import InputError
 from meshmark.files.atomic import opened
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import source_files
 
 CHUNK = 1 << 24  # bytes of a file that are hashed at a time

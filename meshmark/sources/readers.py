@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.registry import catalogue, make_reader
 from meshmark.files.atomic import require_no_device
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery

@@ -26,7 +26,8 @@ from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting
 from meshmark.extension.hookspecs import SchemeRecord
 from meshmark.extension.interfaces import JointScheme
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
 from meshmark.metrics.faces import flipped_faces
 from meshmark.testing.invariance import moved, reordered

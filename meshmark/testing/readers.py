@@ -23,7 +23,8 @@ import pytest
 
 from meshmark.errors import InputError, OutputError
 from meshmark.extension.hookspecs import Reader, ReaderRecord
-from meshmark.mesh.animation import Asset, Frame
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.asset import Asset
 
 
 class ReaderSuite:

@@ -23,7 +23,8 @@ from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Carrier, Chips, measure
 from meshmark.extension.hookspecs import Scheme, SchemeRecord
 from meshmark.keys import Key
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.scheme_records import SchemeRecordSuite
 from meshmark.testing.segmenters import lopsided

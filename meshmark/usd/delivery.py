@@ -10,7 +10,8 @@ from pxr import Usd
 
 from meshmark.errors import UsageError
 from meshmark.files.places import assets_folder
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.checking import require_no_traces

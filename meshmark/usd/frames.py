@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pxr import Usd
 
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import (
     local_points,

@@ -11,8 +11,8 @@ from pxr import Usd, UsdGeom, Vt
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Topology
 from meshmark.mesh.checks import require_measurable
+from meshmark.mesh.topology import Topology
 
 Float32Array = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from pxr import Ar, Usd, UsdUtils
 
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Topology
+from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
 
 # A process works on one source at a time, two when it compares; every stage held costs memory.

@@ -12,7 +12,8 @@ from pxr import Sdf, UsdGeom
 
 from meshmark.arrays import IntArray
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.usd.layers import StreamedLayer, new_layer
 from meshmark.usd.opening import open_stage
 from meshmark.usd.overlay import lay_over

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pxr import Usd, UsdGeom
 
 from meshmark.errors import InputError, UsageError
-from meshmark.mesh.animation import Asset, Frame, LeftOut, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset, LeftOut
 from meshmark.mesh.frame_agreement import agreed
 from meshmark.mesh.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened

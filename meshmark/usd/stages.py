@@ -8,7 +8,9 @@ import numpy as np
 from pxr import Sdf, Tf, UsdGeom
 
 from meshmark.errors import OutputError
-from meshmark.mesh.animation import Asset, MeshAnimation, Topology
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
 
 NAMELESS = "Mesh"

@@ -7,7 +7,8 @@ from pathlib import Path
 from pxr import Usd
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.usd.authoring import author_marked_points
 from meshmark.usd.layers import new_layer
 from meshmark.usd.opening import open_stage

@@ -20,11 +20,11 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
-from meshmark.detection.evidence import Evidence
-from meshmark.detection.strand import Strand
+from meshmark.detection.evidence import Evidence, Strand
 from meshmark.detection.verdict import decide
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import MeshAnimation, as_asset
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import as_asset
 from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder
 

@@ -18,7 +18,7 @@ from meshmark.cli import main
 from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import write
 from meshmark.testing.meshes import dumbbell
 from meshmark.testing.schemas import schema_folder

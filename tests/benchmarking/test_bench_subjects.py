@@ -19,7 +19,8 @@ from meshmark.benchmarking.subjects import (
 )
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.extension.registry import catalogue
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.meshes import dumbbell
 
 

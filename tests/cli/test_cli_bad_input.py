@@ -12,7 +12,8 @@ import pytest
 from meshmark.cli import main
 from meshmark.errors import CapacityError
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.attacks import sphere
 from meshmark_plugins.readers.obj_write import write_new
 

@@ -17,7 +17,8 @@ from meshmark.cli import main
 from meshmark.commands.attack import write_attacked
 from meshmark.extension.registry import make_reader
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.schemas import schema_folder
 
 PRIM = "/Creature/Geom/body"

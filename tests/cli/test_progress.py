@@ -14,7 +14,8 @@ import pytest
 from meshmark.cli import console, main
 from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.meshes import icosphere
 
 VERIFY = ("verify", "ball.usdc", "--key", "k", "--scheme", "cho2007", "--frames", ":")

@@ -18,7 +18,7 @@ import pytest
 from meshmark.cli.stopping import Stopped, stopping
 from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and groups of processes")
 

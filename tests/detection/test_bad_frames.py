@@ -15,9 +15,11 @@ from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, MeshAnimation, Topology
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.checks import bad_frames, check
 from meshmark.mesh.frame_agreement import agreed
+from meshmark.mesh.topology import Topology
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from meshmark.detection.bit_error_rate import bit_errors
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import STEPS, Evidence, Strand
 from meshmark.detection.hypothesis_test import SHORT_LIST, TOGETHER, judge, log10_p_of
-from meshmark.detection.strand import STEPS, Strand
 from meshmark.detection.verdict import decide, shares
 from meshmark.extension.carrier import Carrier, measure, sighting_of
 from meshmark.keys import Key

@@ -14,11 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import Evidence, Strand
 from meshmark.detection.evidence_file import KIND, StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.evidence_header import EXPANSION, FRAMES, LONGEST
 from meshmark.detection.gathering import AssetEvidence
-from meshmark.detection.strand import Strand
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, OutputError
 from meshmark.keys import Key

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
+from meshmark.detection.evidence import in_steps
 from meshmark.detection.extraction import Extraction, extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.detection.looks import LOOKS, verify_in_looks
-from meshmark.detection.strand import in_steps
 from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Sighting

@@ -13,8 +13,9 @@ from meshmark.detection.candidates import candidates
 from meshmark.detection.verdict import Verdict
 from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
-from meshmark.mesh.topology import face_adjacency
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology, face_adjacency
 from meshmark.testing.meshes import plane, side_by_side, torus
 
 NAMES = ["acme", "globex"]

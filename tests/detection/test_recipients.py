@@ -5,9 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import Evidence, Strand
 from meshmark.detection.gathering import AssetEvidence
-from meshmark.detection.strand import Strand
 from meshmark.detection.verdict import decide
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, UsageError

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from meshmark.detection.unsmoothing import STEPS, unsmooth
-from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.animation import Frame
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.topology import Topology
 from meshmark.testing.meshes import icosphere, plane
 
 

@@ -12,7 +12,8 @@ from pxr import Sdf
 from meshmark.commands.attack import write_attacked
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override

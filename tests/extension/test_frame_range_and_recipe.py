@@ -7,7 +7,8 @@ import pytest
 
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe, recipe_from_text
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in, in_range
 
 TRIANGLE = (np.eye(3), np.array([[0, 1, 2]]))

@@ -118,7 +118,7 @@ def test_written_files_respect_the_umask(umask, tmp_path) -> None:
 @pytest.mark.slow
 def test_outputs_evidence_and_manifests_respect_the_umask(tmp_path, creature) -> None:
     from meshmark.commands.attack import write_attacked
-    from meshmark.mesh.animation import Asset
+    from meshmark.mesh.asset import Asset
 
     asset = Asset("creature", (creature.select([0]),), "memory")
     write_attacked(asset, tmp_path / "a.usdc")

@@ -18,7 +18,8 @@ from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.precision import rounding, rounding_of
 from meshmark.sources.readers import read
 from meshmark.testing.attacks import sphere

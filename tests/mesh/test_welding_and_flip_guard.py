@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meshmark.errors import CapacityError
-from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.animation import Frame
 from meshmark.mesh.flip_guard import REACH, face_normals, mean_edge_lengths, restrain
+from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import MOST_AROUND, Welding
 from meshmark.testing.meshes import icosphere, side_by_side
 

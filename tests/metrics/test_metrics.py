@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError, UsageError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.metrics import (
     distortion,
     flipped_faces,

@@ -12,7 +12,8 @@ from meshmark.embedding.file import mark_file
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import MeshAnimation, as_asset
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import as_asset
 from meshmark.metrics import distortion, texture_drift
 from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution

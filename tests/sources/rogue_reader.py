@@ -11,7 +11,9 @@ import numpy as np
 
 from meshmark.errors import InputError
 from meshmark.extension.hookspecs import ReaderRecord, hookimpl
-from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, InMemoryFrames, MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark.testing.meshes import icosphere
 
 METADATA = "Metadata-Version: 2.1\nName: rogue\nVersion: 1.0\n"

@@ -21,7 +21,8 @@ from folders import FAULTS
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import source_digests
 from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated

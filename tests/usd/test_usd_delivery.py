@@ -12,7 +12,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.opening import stage_files
 from meshmark.usd.reading import read_stage

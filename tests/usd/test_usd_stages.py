@@ -10,7 +10,9 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from meshmark.errors import OutputError
-from meshmark.mesh.animation import Asset, Frame, InMemoryFrames, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, InMemoryFrames, MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, CUBE_POINTS, infinite

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import MeshmarkError
-from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.topology import Topology
 
 FLOAT, INT = np.dtype("<f8"), np.dtype("<i8")
 ITEM = 8  # bytes of either

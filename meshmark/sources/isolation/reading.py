@@ -15,7 +15,7 @@ from typing import Any
 
 from meshmark.errors import InputError
 from meshmark.files.temporary import ScratchFolder
-from meshmark.mesh.animation import Asset
+from meshmark.mesh.asset import Asset
 from meshmark.sources.isolation.limits import MEMORY_VARIABLE, SECONDS_VARIABLE, Limits
 from meshmark.sources.isolation.report import (
     ARRAYS,

@@ -18,7 +18,9 @@ import numpy as np
 from meshmark import errors
 from meshmark.arrays import FloatArray
 from meshmark.errors import MeshmarkError
-from meshmark.mesh.animation import Asset, MeshAnimation, Topology
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark.sources.isolation.frames import (
     ArrayWriter,
     IsolatedFrames,

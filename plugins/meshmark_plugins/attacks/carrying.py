@@ -9,8 +9,9 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import (
     CombinePoints,
     KeepPoints,

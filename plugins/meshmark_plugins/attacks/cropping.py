@@ -8,7 +8,8 @@ import numpy as np
 
 from meshmark.arrays import IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import (
     PER,
     KeepPoints,

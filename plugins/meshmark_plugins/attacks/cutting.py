@@ -9,8 +9,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import unit
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import mean_radius, require_trajectories
 from meshmark_plugins.attacks.parameters import number, whole
 from meshmark_plugins.attacks.polygons import neighbours

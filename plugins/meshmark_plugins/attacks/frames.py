@@ -12,7 +12,8 @@ from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import MeshmarkError, UsageError
-from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
+from meshmark.mesh.topology import Topology
 
 PER = ("frame", "animation")
 

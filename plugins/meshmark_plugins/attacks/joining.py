@@ -9,9 +9,9 @@ from scipy.spatial import ConvexHull
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import face_areas, unit
-from meshmark.mesh.topology import polygon_edges
+from meshmark.mesh.topology import Topology, polygon_edges
 from meshmark_plugins.attacks.frames import naming, require_trajectories
 from meshmark_plugins.attacks.parameters import choice, number
 from meshmark_plugins.attacks.polygons import join, neighbours

@@ -6,8 +6,7 @@ import numpy as np
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Topology
-from meshmark.mesh.topology import face_adjacency
+from meshmark.mesh.topology import Topology, face_adjacency
 
 
 def restrict(topology: Topology, keep: BoolArray) -> tuple[IntArray, Topology | None]:

@@ -8,8 +8,8 @@ from importlib import import_module
 import numpy as np
 
 from meshmark.errors import InputError, PluginError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
-from meshmark.mesh.topology import edges
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology, edges
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number, whole

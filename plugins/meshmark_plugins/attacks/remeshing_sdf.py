@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.open3d_import import load_open3d
-from meshmark.mesh.topology import boundary_edges, edges, weld
+from meshmark.mesh.topology import Topology, boundary_edges, edges, weld
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, whole

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.open3d_import import load_open3d
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.carrying import carry_by_vertices, rebuild
 from meshmark_plugins.attacks.frames import PER
 from meshmark_plugins.attacks.parameters import choice, number

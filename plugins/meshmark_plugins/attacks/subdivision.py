@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_matrix, eye_array
 
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import CombinePoints
 from meshmark_plugins.attacks.parameters import choice, whole
 from meshmark_plugins.attacks.subdivision_rules import RULES

@@ -11,8 +11,10 @@ import numpy as np
 
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.files.atomic import opened
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_agreement import agreed
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.readers.obj_files import find_frames, looks_like_frames
 from meshmark_plugins.readers.obj_text import ObjText
 from meshmark_plugins.readers.obj_write import write_marked, write_new

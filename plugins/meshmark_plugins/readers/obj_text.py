@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Topology
 from meshmark.mesh.checks import measurable
+from meshmark.mesh.topology import Topology
 
 ByteArray = NDArray[np.uint8]
 

@@ -11,7 +11,9 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.atomic import beside, opened
-from meshmark.mesh.animation import Asset, Frame, Topology
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
 

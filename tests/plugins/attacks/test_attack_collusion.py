@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from meshmark.errors import UsageError
-from meshmark.mesh.animation import Asset, Frame
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.asset import Asset
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark_plugins.attacks import RECORDS
 from meshmark_plugins.readers.obj_write import write_new

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError, UsageError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 

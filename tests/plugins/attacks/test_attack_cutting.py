@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
-from meshmark.mesh.topology import face_components
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology, face_components
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import icosphere, side_by_side
 from meshmark_plugins.attacks import RECORDS

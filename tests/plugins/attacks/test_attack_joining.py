@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import face_areas
-from meshmark.mesh.topology import boundary_edges, edges, face_components, vertex_components
+from meshmark.mesh.topology import (
+    Topology,
+    boundary_edges,
+    edges,
+    face_components,
+    vertex_components,
+)
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark.testing.meshes import cylinder
 from meshmark_plugins.attacks import RECORDS

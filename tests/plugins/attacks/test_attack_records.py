@@ -9,7 +9,8 @@ import pytest
 
 from folders import REPOSITORY
 from meshmark.errors import UsageError
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks import RECORDS, meshmark_attacks
 from meshmark_plugins.readers.obj import ObjFrames
 

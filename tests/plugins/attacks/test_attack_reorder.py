@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball
 from meshmark_plugins.attacks import RECORDS

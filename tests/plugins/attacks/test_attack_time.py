@@ -6,7 +6,8 @@ import pytest
 from meshmark.commands.attack import attack_asset
 from meshmark.errors import UsageError
 from meshmark.extension.registry import make_attack
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from meshmark.errors import InputError
-from meshmark.mesh.animation import Asset, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
 from meshmark.testing.attacks import bending_ball, sphere
 from meshmark.testing.readers import ReaderSuite
 from meshmark_plugins.readers import RECORDS

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from meshmark.errors import OutputError, UsageError
-from meshmark.mesh.animation import Asset, Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.topology import Topology
 from meshmark.testing.attacks import sphere
 from meshmark.testing.readers import contents, shifted
 from meshmark_plugins.readers.obj import ObjFrames

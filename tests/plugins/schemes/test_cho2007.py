@@ -10,7 +10,8 @@ from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import measure
 from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.metrics import distortion
 from meshmark.sources.readers import read
 from meshmark.testing.meshes import icosphere

@@ -10,7 +10,8 @@ from meshmark.errors import CapacityError, InputError
 from meshmark.extension.carrier import measure
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
-from meshmark.mesh.animation import Frame, MeshAnimation, Topology
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
 from meshmark_plugins.schemes.tsai2014.parts import smallest_loop, split
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from meshmark.errors import CapacityError
-from meshmark.mesh.animation import Frame, Topology
+from meshmark.mesh.animation import Frame
 from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import Topology
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import (
     bent_tube,

@@ -11,9 +11,10 @@ from scipy.spatial.distance import cdist
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
-from meshmark.mesh.animation import MeshAnimation, Topology
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.topology import Topology
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import look
 from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
