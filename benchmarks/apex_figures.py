@@ -33,7 +33,7 @@ from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import default_jobs
 from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
-from meshmark_plugins.schemes.apex.anchors.track import Sightings
+from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
 from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
 from meshmark_plugins.schemes.apex.marking.plan import plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.marking.pose_constraints import chips_about, targets
@@ -80,7 +80,7 @@ def subject_of(source: str | None, azimuth: float) -> Subject:
     animation = creature() if asset is None else asset.meshes[0]
     animation = animation.map(Welding.of(animation[0]).frame)
     scheme, jobs = Apex(), default_jobs()
-    layout = require_capacity(Sightings(animation, jobs), scheme.tuning)
+    layout = require_capacity(FrameAnchors(animation, jobs), scheme.tuning)
     words = Key(bytes(range(32))).words("apex", scheme.n_words, scheme.n_chips)
     plan = plan_animation(animation, words, scheme.tuning, jobs)
     shown = (0, len(animation) // 3)

@@ -29,7 +29,7 @@ from meshmark.benchmarking.tasks import (
 )
 from meshmark.errors import MeshmarkError, PluginError
 from meshmark.extension.recipe import Recipe
-from meshmark.extension.registry import Offer, catalogue
+from meshmark.extension.registry import RegisteredPlugin, catalogue
 from meshmark.keys import Key
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import ordered_map
@@ -151,7 +151,7 @@ def _bench(place: Place, suite: Suite, recipes: Sequence[Recipe], seed: int) -> 
     return Bench(store, key, seed, versions)
 
 
-def _offers(suite: Suite, recipes: Sequence[Recipe]) -> list[Offer]:
+def _offers(suite: Suite, recipes: Sequence[Recipe]) -> list[RegisteredPlugin]:
     attacks = {cell.attack for cell in suite.cells}
     known = [offer for offer in catalogue().of_kind("attack") if offer.name in attacks]
     return [*known, *(offer for recipe in recipes for offer in recipe.offers)]

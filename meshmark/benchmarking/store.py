@@ -12,7 +12,7 @@ from typing import Any
 
 import meshmark
 from meshmark.errors import OutputError
-from meshmark.extension.registry import Offer
+from meshmark.extension.registry import RegisteredPlugin
 from meshmark.files.atomic import write_json
 
 FORMAT = 1
@@ -69,7 +69,7 @@ class Store:
         write_json({"identity": dict(identity), **result}, self.path(identity))
 
 
-def code_hash(offers: Iterable[Offer]) -> str:
+def code_hash(offers: Iterable[RegisteredPlugin]) -> str:
     """Hash the code of meshmark and of the packages that offer what a benchmark uses.
 
     A version number stays the same while code is being worked on; results must not.
@@ -78,7 +78,7 @@ def code_hash(offers: Iterable[Offer]) -> str:
     return identity_hash({name: _package_hash(name) for name in sorted(names)})
 
 
-def _package(offer: Offer) -> str:
+def _package(offer: RegisteredPlugin) -> str:
     module = getattr(offer.record.factory, "__module__", None) or "meshmark"
     return str(module).partition(".")[0]
 

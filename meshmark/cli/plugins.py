@@ -61,7 +61,7 @@ def check_plugin(
     """Make what NAME names, try it on a small mesh, and say what is wrong with it."""
     from meshmark.errors import UsageError
     from meshmark.extension.registry import catalogue
-    from meshmark.testing.smoke_check import check_offer
+    from meshmark.testing.smoke_check import check_plugin
 
     found = catalogue()
     broken = [item for item in found.broken if name in (item.plugin, item.distribution)]
@@ -76,7 +76,7 @@ def check_plugin(
         for kind, _ in claimed
     ]
     for offer in offers:
-        problems += check_offer(offer)
+        problems += check_plugin(offer)
     for problem in problems:
         warn(f"{name}: {problem}")
     if problems:

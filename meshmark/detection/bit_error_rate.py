@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.evidence import STEPS, Evidence
 from meshmark.statistics.p_values import reading_promises
-from meshmark.statistics.word_windows import WINDOW, Placement
+from meshmark.statistics.word_windows import WINDOW, WordPosterior
 
 # A part whose every other bit is an erasure shows a small bit error rate by luck alone.
 DECIDED_SHARE = 0.5
@@ -50,7 +50,7 @@ class BitErrors:
 def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     """Compare the bits of every part with its word, frame by frame.
 
-    Erasures, and chips that say no more than is `decisive` for their scheme, are neither right
+    Erasures, and chips that say no more than is `bit_threshold` for their scheme, are neither right
     nor wrong: they leave the numerator and the denominator. A part that decides less than half
     of its bits in a frame is left out of that frame.
 
@@ -74,44 +74,44 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
 
 
 def _read_in_one_way(evidence: Evidence) -> bool:
-    return len(evidence.strands) == 1 and len(evidence.strands[0].log_prior) == 1
+    return len(evidence.variants) == 1 and len(evidence.variants[0].log_prior) == 1
 
 
 def _errors_of(evidence: Evidence, words: IntArray, scores: list[FloatArray]) -> BitErrors:
     """Compare the bits of frames whose parts hold the same words, in the best reading."""
     best = int(np.argmax([score.max() for score in scores]))
-    strand, reading = evidence.strands[best], int(np.argmax(scores[best]))
-    placement = strand.placement and strand.placement.under(reading)
-    fit = _fits(strand.pooled[[reading]], words, placement)[0]
-    steps = strand.reading(reading)
+    variant, reading = evidence.variants[best], int(np.argmax(scores[best]))
+    posterior = variant.posterior and variant.posterior.under(reading)
+    fit = _fits(variant.pooled[[reading]], words, posterior)[0]
+    steps = variant.reading(reading)
     # Rounded like the evidence itself: what is just as much does not exceed it.
-    decided = np.abs(steps.astype(np.int64)) > np.rint(evidence.decisive * STEPS)
+    decided = np.abs(steps.astype(np.int64)) > np.rint(evidence.bit_threshold * STEPS)
     return _bit_errors(fit, np.where(decided, steps, 0), words)
 
 
 def _scores(
     evidence: Evidence, words: IntArray, beside: list[FloatArray] | None = None
 ) -> list[FloatArray]:
-    """How much each reading of each strand speaks for the words, and did so before, (R,) each.
+    """How much each reading of each variant speaks for the words, and did so before, (R,) each.
 
     Where places tell words, that is the logarithm of the e-value: the more false carriers there
     are, the better some word fits each of them by luck.
     """
     scores = []
-    for strand in evidence.strands:
-        if strand.placement is not None:
-            score = reading_promises(strand.pooled, strand.belief, words, strand.placement)
+    for variant in evidence.variants:
+        if variant.posterior is not None:
+            score = reading_promises(variant.pooled, variant.belief, words, variant.posterior)
         else:
-            score = _fits(strand.pooled, words, None).max(axis=-1).sum(axis=-1)
+            score = _fits(variant.pooled, words, None).max(axis=-1).sum(axis=-1)
         scores.append(score)
     return scores if beside is None else [a + b for a, b in zip(scores, beside, strict=True)]
 
 
-def _fits(S: FloatArray, words: IntArray, placement: Placement | None) -> FloatArray:
+def _fits(S: FloatArray, words: IntArray, posterior: WordPosterior | None) -> FloatArray:
     """How well words fit evidence S (R, C, K), (R, C, M); `_NEVER` where they may not be."""
     fit: FloatArray = S @ words.T.astype(np.float64)
-    if placement is not None:
-        windows = placement.windows(len(words))
+    if posterior is not None:
+        windows = posterior.windows(len(words))
         within = np.arange(len(words)) - windows.first[..., None]
         fit = np.where((within >= 0) & (within < WINDOW), fit, _NEVER)
     return fit

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
-from meshmark.statistics.word_windows import Placement, together
+from meshmark.statistics.word_windows import WordPosterior, together
 
 Thing = TypeVar("Thing")
 
@@ -30,16 +30,16 @@ class FrameEvidence:
     ----------
     steps : (R, C, K) int8
         Evidence in [-1, 1] in units of 1 / `STEPS`; 0 for an erasure.
-    placement : Placement or None
+    posterior : WordPosterior or None
         Which words carriers may hold.
     """
 
     steps: NDArray[Any]
-    placement: Placement | None = None
+    posterior: WordPosterior | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Strand:
+class RestoredVariant:
     """Evidence of one mesh over its frames, under one hypothesis of what was done to it.
 
     Parameters
@@ -47,7 +47,7 @@ class Strand:
     restored : int
         Iterations of smoothing that were undone first.
     log_belief : float
-        Log belief in this hypothesis, beside those of the other strands.
+        Log belief in this hypothesis, beside those of the other variants.
     log_prior : (R,) float64
         Log belief in each reading; the exponentials sum to at most 1.
     frames : sequence of T FrameEvidence
@@ -67,11 +67,11 @@ class Strand:
         log_prior: FloatArray,
         restored: int = 0,
         log_belief: float = 0.0,
-        placements: Sequence[Placement] | None = None,
-    ) -> Strand:
-        """Make a strand of evidence (T, R, C, K) in [-1, 1]."""
+        posteriors: Sequence[WordPosterior] | None = None,
+    ) -> RestoredVariant:
+        """Make a variant of evidence (T, R, C, K) in [-1, 1]."""
         steps = in_steps(soft)
-        placed = zip(steps, placements or (None,) * len(steps), strict=True)
+        placed = zip(steps, posteriors or (None,) * len(steps), strict=True)
         frames = tuple(FrameEvidence(*frame) for frame in placed)
         return cls(restored, log_belief, log_prior, frames)
 
@@ -98,29 +98,29 @@ class Strand:
         return total / (STEPS * len(self.frames))
 
     @property
-    def placements(self) -> Sequence[Placement] | None:
+    def posteriors(self) -> Sequence[WordPosterior] | None:
         """Which words carriers may hold, as each frame tells."""
-        if self.frames[0].placement is None:
+        if self.frames[0].posterior is None:
             return None
-        return Made(self._placement_of, len(self.frames))
+        return LazySequence(self._placement_of, len(self.frames))
 
-    def _placement_of(self, index: int) -> Placement:
-        placement = self.frames[index].placement
-        assert placement is not None
-        return placement
+    def _placement_of(self, index: int) -> WordPosterior:
+        posterior = self.frames[index].posterior
+        assert posterior is not None
+        return posterior
 
     @cached_property
-    def placement(self) -> Placement | None:
+    def posterior(self) -> WordPosterior | None:
         """Which words carriers may hold, as the frames that show them tell together."""
-        placements = self.placements
-        return None if placements is None else together(placements)
+        posteriors = self.posteriors
+        return None if posteriors is None else together(posteriors)
 
     @property
     def belief(self) -> FloatArray:
-        """Log belief in each reading of this strand, (R,)."""
+        """Log belief in each reading of this variant, (R,)."""
         return self.log_prior + self.log_belief
 
-    def select(self, indices: Sequence[int]) -> Strand:
+    def select(self, indices: Sequence[int]) -> RestoredVariant:
         """Keep some frames."""
         return replace(self, frames=tuple(self.frames[t] for t in indices))
 
@@ -150,12 +150,12 @@ class Evidence:
         Code words of that scheme; 1 if all carriers share one.
     times : (T,) float64
         Time codes of the frames.
-    strands : tuple of Strand
+    variants : tuple of RestoredVariant
         The mesh as it stands first; beside it, the mesh as it may have been.
     tracked : bool
         Whether a carrier is the same in all frames because its vertices are. If not, carriers
         of different frames were matched by what they look like, which can go wrong.
-    decisive : float
+    bit_threshold : float
         Evidence that a chip must exceed to count as a bit in bit error rates.
     part : str
         Which part of the mesh was measured; empty for all of it.
@@ -167,26 +167,26 @@ class Evidence:
     scheme: str
     n_words: int
     times: FloatArray
-    strands: tuple[Strand, ...]
+    variants: tuple[RestoredVariant, ...]
     tracked: bool = True
-    decisive: float = 0.0
+    bit_threshold: float = 0.0
     part: str = ""
     also: tuple[str, ...] = ()
 
     @cached_property
     def held(self) -> BoolArray:
         """Chips of the mesh as it stands that are held in some frame, (C, K) bool."""
-        return np.asarray(self.strands[0].reading(0).any(axis=0))
+        return np.asarray(self.variants[0].reading(0).any(axis=0))
 
     @property
     def n_chips(self) -> int:
         """Chips of one carrier, K."""
-        return int(self.strands[0].shape[3])
+        return int(self.variants[0].shape[3])
 
     @property
     def carriers(self) -> int:
         """Number of carriers, C, of the mesh as it stands."""
-        return int(self.strands[0].shape[2])
+        return int(self.variants[0].shape[2])
 
     @property
     def chips(self) -> int:
@@ -199,10 +199,10 @@ class Evidence:
         """Lowest log10 p that the best of keys could reach on as many chips."""
         if not self.held.any():
             return 0.0
-        plain = self.strands[0]
+        plain = self.variants[0]
         best = int(np.argmax(plain.belief))
-        placement = plain.placement and plain.placement.under(best)
-        return reachable_log10_p(self.held, self.n_words, float(plain.belief[best]), placement)
+        posterior = plain.posterior and plain.posterior.under(best)
+        return reachable_log10_p(self.held, self.n_words, float(plain.belief[best]), posterior)
 
     def words(self, key: Key, recipient: str | None) -> IntArray:
         """Derive the code words that `key` would have used here, (M, K) int."""
@@ -210,11 +210,11 @@ class Evidence:
 
     def select(self, frames: Sequence[int]) -> Evidence:
         """Keep some frames."""
-        strands = tuple(strand.select(frames) for strand in self.strands)
-        return replace(self, times=self.times[list(frames)], strands=strands)
+        variants = tuple(variant.select(frames) for variant in self.variants)
+        return replace(self, times=self.times[list(frames)], variants=variants)
 
 
-class Made(Sequence[Thing]):
+class LazySequence(Sequence[Thing]):
     """A sequence whose items are made whenever they are asked for; pickles as a tuple of them.
 
     Parameters
@@ -240,7 +240,7 @@ class Made(Sequence[Thing]):
     def __getitem__(self, index: int | slice) -> Thing | Sequence[Thing]:
         if isinstance(index, slice):
             chosen = self._indices[index]
-            return Made(lambda i: self._make(chosen[i]), len(chosen))
+            return LazySequence(lambda i: self._make(chosen[i]), len(chosen))
         return self._make(self._indices[index])
 
     def __iter__(self) -> Iterator[Thing]:

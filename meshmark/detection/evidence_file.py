@@ -18,19 +18,25 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.detection.evidence import STEPS, Evidence, FrameEvidence, Made, Strand
+from meshmark.detection.evidence import (
+    STEPS,
+    Evidence,
+    FrameEvidence,
+    LazySequence,
+    RestoredVariant,
+)
 from meshmark.detection.evidence_header import (
     EXPANSION,
     LONGEST,
     ItemHeader,
-    StrandHeader,
+    RestorationHeader,
     header_text,
     parse_header,
 )
 from meshmark.detection.sealing import sealed, unsealed
 from meshmark.errors import InputError
-from meshmark.statistics.word_windows import Placement
-from meshmark.workers.spool import Spool
+from meshmark.statistics.word_windows import WordPosterior
+from meshmark.workers.disk_list import DiskList
 
 FORMAT = "meshmark-evidence-3"
 KIND = f"{FORMAT}\n".encode()
@@ -82,17 +88,17 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
         stream.write(_LENGTH.pack(len(header)) + header)
         for item in stored.items:
             _write(stream, item.times, _REAL)
-            for strand in item.strands:
-                _write_strand(stream, strand)
+            for variant in item.variants:
+                _write_strand(stream, variant)
 
 
-def _write_strand(stream: gzip.GzipFile, strand: Strand) -> None:
-    _write(stream, strand.log_prior, _REAL)
-    for frame in strand.frames:
+def _write_strand(stream: gzip.GzipFile, variant: RestoredVariant) -> None:
+    _write(stream, variant.log_prior, _REAL)
+    for frame in variant.frames:
         _write(stream, frame.steps, _STEP)
-        if frame.placement is not None:
-            _write(stream, frame.placement.place, _REAL)
-            _write(stream, frame.placement.doubt, _REAL)
+        if frame.posterior is not None:
+            _write(stream, frame.posterior.position, _REAL)
+            _write(stream, frame.posterior.p_null, _REAL)
 
 
 def _write(stream: gzip.GzipFile, array: NDArray[Any], kind: np.dtype[Any]) -> None:
@@ -130,61 +136,66 @@ def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
         header = parse_header(_read(stream, length).decode())
         if not trusted and header.n_bytes > EXPANSION * size:
             raise ValueError("size")
-        spool: Spool[FrameEvidence] = Spool()
-        items = tuple(_item(stream, item, spool) for item in header.items)
+        disk_list: DiskList[FrameEvidence] = DiskList()
+        items = tuple(_item(stream, item, disk_list) for item in header.items)
         # The end is where checksums are compared.
         if stream.read(1):
             raise ValueError("too long")
     return StoredEvidence(header.files, header.recipes, header.frames, items, header.notes)
 
 
-def _item(stream: gzip.GzipFile, header: ItemHeader, spool: Spool[FrameEvidence]) -> Evidence:
+def _item(
+    stream: gzip.GzipFile, header: ItemHeader, disk_list: DiskList[FrameEvidence]
+) -> Evidence:
     times = _array(stream, (header.n_frames,), _REAL)
     # A single file without a clock has no time, which is NaN.
     _require(not np.isinf(times).any(), "times")
-    strands = tuple(_strand(stream, header, strand, spool) for strand in header.strands)
+    variants = tuple(_strand(stream, header, variant, disk_list) for variant in header.variants)
     # Belief beyond 1 would make any key look right.
-    belief = sum(float(np.exp(strand.belief).sum()) for strand in strands)
+    belief = sum(float(np.exp(variant.belief).sum()) for variant in variants)
     _require(belief <= 1.0 + _ROUNDING, "belief")
     return Evidence(
         prim=header.prim,
         scheme=header.scheme,
         n_words=header.n_words,
         times=times,
-        strands=strands,
+        variants=variants,
         tracked=header.tracked,
-        decisive=header.decisive,
+        bit_threshold=header.bit_threshold,
         part=header.part,
         also=header.also,
     )
 
 
 def _strand(
-    stream: gzip.GzipFile, item: ItemHeader, header: StrandHeader, spool: Spool[FrameEvidence]
-) -> Strand:
+    stream: gzip.GzipFile,
+    item: ItemHeader,
+    header: RestorationHeader,
+    disk_list: DiskList[FrameEvidence],
+) -> RestoredVariant:
     log_prior = _array(stream, header.shape[:1], _REAL)
     _require(np.isfinite(log_prior).all(), "prior")
     _require(np.all(log_prior <= _ROUNDING), "prior")
-    numbers = [spool.add(_frame(stream, item, header)) for _ in range(item.n_frames)]
-    return Strand(
+    numbers = [disk_list.add(_frame(stream, item, header)) for _ in range(item.n_frames)]
+    return RestoredVariant(
         restored=header.restored,
         log_belief=header.log_belief,
         log_prior=log_prior,
-        frames=Made(lambda t: spool[numbers[t]], len(numbers)),
+        frames=LazySequence(lambda t: disk_list[numbers[t]], len(numbers)),
     )
 
 
-def _frame(stream: gzip.GzipFile, item: ItemHeader, header: StrandHeader) -> FrameEvidence:
+def _frame(stream: gzip.GzipFile, item: ItemHeader, header: RestorationHeader) -> FrameEvidence:
     R, C, K = header.shape
     steps = _array(stream, (R, C, K), _STEP)
     _require(steps.min() >= -STEPS, "steps")
     if not header.placed:
         return FrameEvidence(steps)
-    place, doubt = _array(stream, (R, C), _REAL), _array(stream, (C,), _REAL)
+    place, p_null = _array(stream, (R, C), _REAL), _array(stream, (C,), _REAL)
     known = place[~np.isnan(place)]
     _require(np.all((known >= 0.0) & (known <= item.n_words - 1)), "place")
-    _require(np.all((doubt > 0.0) & (doubt <= 1.0)), "doubt")
-    return FrameEvidence(steps, Placement(place, doubt))
+    _require(np.all((p_null > 0.0) & (p_null <= 1.0)), "doubt")
+    return FrameEvidence(steps, WordPosterior(place, p_null))
 
 
 def _array(stream: gzip.GzipFile, shape: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:

@@ -20,7 +20,7 @@ Thing = TypeVar("Thing")
 LONGEST = 1 << 24
 # Characters of a name or note, and how many of one kind there may be.
 TEXT, MANY = 1 << 12, 1 << 16
-STRANDS, FRAMES = 1 << 8, 1 << 20
+VARIANTS, FRAMES = 1 << 8, 1 << 20
 # Readings, carriers and chips of a frame, and bytes of its evidence.
 SHAPE, FRAME_BYTES = (1 << 16, 1 << 12, 1 << 12), 1 << 26
 # Words where carriers' shapes tell roughly which, and where any may be: all subsets are summed.
@@ -31,8 +31,8 @@ EXPANSION = 64
 
 
 @dataclass(frozen=True)
-class StrandHeader:
-    """A strand but for its arrays: see `Strand`; `placed` if carriers' shapes tell their words."""
+class RestorationHeader:
+    """A `RestoredVariant` but for its arrays; `placed` if carriers' shapes tell their words."""
 
     restored: int
     log_belief: float
@@ -57,14 +57,14 @@ class ItemHeader:
     n_words: int
     n_frames: int
     tracked: bool
-    decisive: float
-    strands: tuple[StrandHeader, ...]
+    bit_threshold: float
+    variants: tuple[RestorationHeader, ...]
 
     @property
     def n_bytes(self) -> int:
         """Bytes of all arrays."""
-        strands = (8 * s.shape[0] + self.n_frames * s.frame_bytes for s in self.strands)
-        return 8 * self.n_frames + sum(strands)
+        variants = (8 * s.shape[0] + self.n_frames * s.frame_bytes for s in self.variants)
+        return 8 * self.n_frames + sum(variants)
 
 
 @dataclass(frozen=True)
@@ -110,15 +110,15 @@ def _described(item: Evidence) -> dict[str, Any]:
         "n_words": item.n_words,
         "n_frames": len(item.times),
         "tracked": item.tracked,
-        "decisive": item.decisive,
+        "decisive": item.bit_threshold,
         "strands": [
             {
-                "restored": strand.restored,
-                "log_belief": strand.log_belief,
-                "shape": list(strand.shape[1:]),
-                "placed": strand.placements is not None,
+                "restored": variant.restored,
+                "log_belief": variant.log_belief,
+                "shape": list(variant.shape[1:]),
+                "placed": variant.posteriors is not None,
             }
-            for strand in item.strands
+            for variant in item.variants
         ],
     }
 
@@ -153,7 +153,7 @@ def parse_header(text: str) -> Header:
 
 
 def _item(value: Any) -> ItemHeader:
-    prim, part, also, scheme, n_words, n_frames, tracked, decisive, strands = _values(
+    prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, variants = _values(
         value,
         *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
         "strands",
@@ -166,32 +166,32 @@ def _item(value: Any) -> ItemHeader:
         n_words=_whole(n_words, 1, PLACED_WORDS),
         n_frames=_whole(n_frames, 1, FRAMES),
         tracked=_flag(tracked),
-        decisive=_number(decisive, 0.0, 1.0),
-        strands=_several(strands, _strand, STRANDS),
+        bit_threshold=_number(bit_threshold, 0.0, 1.0),
+        variants=_several(variants, _strand, VARIANTS),
     )
-    if not item.strands or item.decisive == 1.0:
+    if not item.variants or item.bit_threshold == 1.0:
         raise ValueError("item")
-    # Strands differ in how much they show, never in what a word is.
-    if len({(s.shape[2], s.placed) for s in item.strands}) != 1:
+    # Variants differ in how much they show, never in what a word is.
+    if len({(s.shape[2], s.placed) for s in item.variants}) != 1:
         raise ValueError("strands")
-    if not (item.n_words >= WINDOW if item.strands[0].placed else item.n_words <= FREE_WORDS):
+    if not (item.n_words >= WINDOW if item.variants[0].placed else item.n_words <= FREE_WORDS):
         raise ValueError("words")
     return item
 
 
-def _strand(value: Any) -> StrandHeader:
+def _strand(value: Any) -> RestorationHeader:
     restored, log_belief, shape, placed = _values(
         value, "restored", "log_belief", "shape", "placed"
     )
     if not isinstance(shape, list) or len(shape) != len(SHAPE):
         raise ValueError("shape")
     R, C, K = (_whole(size, 1, most) for size, most in zip(shape, SHAPE, strict=True))
-    strand = StrandHeader(
+    variant = RestorationHeader(
         _whole(restored, 0, RESTORED), _number(log_belief, -1e3, 0.0), (R, C, K), _flag(placed)
     )
-    if strand.frame_bytes > FRAME_BYTES:
+    if variant.frame_bytes > FRAME_BYTES:
         raise ValueError("frame")
-    return strand
+    return variant
 
 
 def _file(value: Any) -> tuple[str, str]:

@@ -11,24 +11,24 @@ import numpy as np
 
 from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
-from meshmark.detection.evidence import Evidence, Made, Strand, in_steps
+from meshmark.detection.evidence import Evidence, LazySequence, RestoredVariant, in_steps
 from meshmark.detection.interpolated_frames import own_poses
 from meshmark.detection.reference_frame import readable, reference_frame
 from meshmark.detection.unsmoothing import unsmooth
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
-from meshmark.extension.carrier import Sighting, sighting_of
+from meshmark.extension.carrier import Observation, observation_of
 from meshmark.extension.interfaces import AnyScheme, JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
+from meshmark.workers.disk_list import DiskList
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.progress import FrameProgress
-from meshmark.workers.spool import Spool
 
 # Belief that nothing was smoothed; the rest is shared by the restorations a scheme asks for.
 UNTOUCHED = 0.6
 
-Sightings = tuple[Sighting | None, ...]
+Observations = tuple[Observation | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Observer:
         frame = self.animation[self.reference]
         return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
 
-    def __call__(self, index: int) -> Sightings | InputError:
+    def __call__(self, index: int) -> Observations | InputError:
         """Measure frame `index` under every restoration; None where nothing is found.
 
         A frame that cannot be read gives the reason.
@@ -91,7 +91,7 @@ class Observer:
             return (None,) * len(self.restorations)
         return tuple(_compact(self._sight(unsmooth(frame, n), n)) for n in self.restorations)
 
-    def _sight(self, frame: Frame, restored: int) -> Sighting | None:
+    def _sight(self, frame: Frame, restored: int) -> Observation | None:
         scheme = self.scheme
         # What they lack, all frames lack.
         layouts = self.layouts
@@ -99,16 +99,16 @@ class Observer:
             with breakdown_means_no_capacity():
                 analysed = (self.welding or Welding.of(frame)).frame(frame)
                 if isinstance(scheme, JointScheme):
-                    return scheme.sight(analysed, self.references.get(restored))
+                    return scheme.observe(analysed, self.references.get(restored))
                 layout = layouts[restored] if layouts else scheme.layout(analysed)
-                return sighting_of(scheme.carriers(analysed, layout), scheme.strength)
+                return observation_of(scheme.carriers(analysed, layout), scheme.strength)
         except CapacityError:
             return None
 
 
-def _compact(sighting: Sighting | None) -> Sighting | None:
+def _compact(observation: Observation | None) -> Observation | None:
     """Keep evidence in the steps it is judged in: of long animations there is much."""
-    return sighting and replace(sighting, soft=in_steps(sighting.soft))
+    return observation and replace(observation, soft=in_steps(observation.soft))
 
 
 class Extraction:
@@ -142,10 +142,10 @@ class Extraction:
         self.reference = candidate.reference
         # Frames that cannot be read, and why.
         self.unreadable: dict[int, InputError] = {}
-        # Numbers of sightings by frame and restoration; of long animations there is much.
+        # Numbers of observations by frame and restoration; of long animations there is much.
         self._seen: dict[tuple[int, int], int] = {}
-        self._spool: Spool[Sighting | None] = Spool()
-        self._decisive = 0.0
+        self._spool: DiskList[Observation | None] = DiskList()
+        self._bit_threshold = 0.0
         # How many frames the last look was asked for, and how many of them it passed over.
         self.asked, self.passed_over = 0, 0
 
@@ -198,24 +198,24 @@ class Extraction:
         try:
             if missing:
                 observer = Observer(self.animation, self.scheme, new, self.settle())
-                for t, sightings in zip(
+                for t, observations in zip(
                     missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
                 ):
-                    if isinstance(sightings, InputError):
-                        self.unreadable[t] = sightings
+                    if isinstance(observations, InputError):
+                        self.unreadable[t] = observations
                     else:
-                        for n, sighting in zip(new, sightings, strict=True):
-                            self._keep(t, n, sighting)
+                        for n, observation in zip(new, observations, strict=True):
+                            self._keep(t, n, observation)
                     done += 1
                     if progress is not None:
                         progress(done, len(frames))
             frames = self._readable(frames)
-            strands = tuple(self._strand(frames, n) for n in wanted)
+            variants = tuple(self._strand(frames, n) for n in wanted)
         except CapacityError as error:
             raise CapacityError(
                 error.message, source=self.animation.origin, prim=self.animation.prim
             ) from None
-        kept = tuple(strand for strand in strands if strand is not None)
+        kept = tuple(variant for variant in variants if variant is not None)
         if not kept or kept[0].restored != 0:
             raise CapacityError(
                 "no carrier is found in any frame",
@@ -227,9 +227,9 @@ class Extraction:
             scheme=self.name,
             n_words=self.scheme.n_words,
             times=self.animation.times[list(frames)],
-            strands=kept,
+            variants=kept,
             tracked=self.animation.constant_topology,
-            decisive=self._decisive,
+            bit_threshold=self._bit_threshold,
             part=self.candidate.part,
             also=self.candidate.also,
         )
@@ -247,23 +247,23 @@ class Extraction:
             raise self.unreadable[frames[0]]
         return kept
 
-    def _strand(self, frames: Sequence[int], restored: int) -> Strand | None:
+    def _strand(self, frames: Sequence[int], restored: int) -> RestoredVariant | None:
         numbers = [self._seen[t, restored] for t in frames]
-        sightings = Made(lambda i: self._spool[numbers[i]], len(numbers))
-        if all(sighting is None for sighting in sightings):
+        observations = LazySequence(lambda i: self._spool[numbers[i]], len(numbers))
+        if all(observation is None for observation in observations):
             return None
-        found = aligned(sightings, self._matcher())
-        return Strand(
+        found = aligned(observations, self._matcher())
+        return RestoredVariant(
             restored=restored,
             log_belief=self._log_belief(restored),
             log_prior=found.log_prior,
             frames=found.frames,
         )
 
-    def _keep(self, index: int, restored: int, sighting: Sighting | None) -> None:
-        self._seen[index, restored] = self._spool.add(sighting)
-        if sighting is not None:
-            self._decisive = max(self._decisive, sighting.decisive)
+    def _keep(self, index: int, restored: int, observation: Observation | None) -> None:
+        self._seen[index, restored] = self._spool.add(observation)
+        if observation is not None:
+            self._bit_threshold = max(self._bit_threshold, observation.bit_threshold)
 
     def _log_belief(self, restored: int) -> float:
         others = len(self.restorations) - 1

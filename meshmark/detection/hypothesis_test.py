@@ -21,7 +21,7 @@ SHORT_LIST = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class HypothesisResult:
     """What one hypothesis (a key and a recipient) makes of the evidence.
 
     Parameters
@@ -42,13 +42,13 @@ class Finding:
     errors: BitErrors
 
     @classmethod
-    def of_nothing(cls, n_frames: int) -> Finding:
+    def of_nothing(cls, n_frames: int) -> HypothesisResult:
         """Find nothing in so many frames without a chip."""
         nothing = BitErrors(np.full(n_frames, np.nan), np.full(n_frames, -1))
         return cls(None, 0.0, np.zeros(n_frames), nothing)
 
 
-def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> Finding:
+def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> HypothesisResult:
     """Try one key and recipient on the evidence."""
     return judge_each(evidence, key, (recipient,))[0]
 
@@ -58,7 +58,7 @@ def judge_each(
     key: Key,
     recipients: Sequence[str | None],
     log10_limit: float = -np.inf,
-) -> list[Finding]:
+) -> list[HypothesisResult]:
     """Try a key and several recipients on the evidence.
 
     The search among them is not paid for here: its price is for the caller to add.
@@ -70,7 +70,7 @@ def judge_each(
 
     Returns
     -------
-    list of Finding
+    list of HypothesisResult
         The recipient that fits best, then the others that fit as well as the limit asks.
     """
     words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
@@ -78,7 +78,7 @@ def judge_each(
     order = np.argsort(log10_p, kind="stable")
     told = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
     return [
-        Finding(
+        HypothesisResult(
             recipient=recipients[n],
             log10_p=float(log10_p[n]),
             log10_p_per_frame=np.minimum(
@@ -133,12 +133,12 @@ def _alone(evidence: Evidence, words: SignArray) -> FloatArray:
 
 def _pooled_log10_p(evidence: Evidence, words: SignArray) -> FloatArray:
     """Bound log10 p from the frames' mean evidence; above 0 where even 1 is too low a bound."""
-    first = evidence.strands[0]
+    first = evidence.variants[0]
     if words.shape[-2] == 1:
         return log10_p_words(first.pooled, words, first.belief)
-    # Strands may have found different carriers; their e-values are averaged all the same.
+    # Variants may have found different carriers; their e-values are averaged all the same.
     log_e = [
-        word_log_e_means(strand.pooled, strand.belief, words, strand.placement)
-        for strand in evidence.strands
+        word_log_e_means(variant.pooled, variant.belief, words, variant.posterior)
+        for variant in evidence.variants
     ]
     return -logsumexp(np.array(log_e), axis=0) / np.log(10.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
-from meshmark.detection.hypothesis_test import Finding, judge_each
+from meshmark.detection.hypothesis_test import HypothesisResult, judge_each
 from meshmark.files.atomic import number
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
@@ -59,7 +59,7 @@ class PrimVerdict:
     recipient: str | None
     chips: int
     times: tuple[float, ...]
-    finding: Finding
+    finding: HypothesisResult
     part: str = ""
     also: tuple[str, ...] = ()
     recipients: tuple[Named, ...] = ()
@@ -252,7 +252,7 @@ class _Judged:
     """What a key makes of one mesh, or part of one, by one scheme; all is paid for."""
 
     evidence: Evidence
-    findings: Sequence[Finding]
+    findings: Sequence[HypothesisResult]
     price: float
     log10_fpr: float
 
@@ -267,7 +267,9 @@ class _Judged:
     ) -> _Judged:
         """Try a key and every recipient; where nothing is held, nothing fits."""
         if not evidence.held.any():
-            return cls(evidence, [Finding.of_nothing(len(evidence.times))], price, log10_fpr)
+            return cls(
+                evidence, [HypothesisResult.of_nothing(len(evidence.times))], price, log10_fpr
+            )
         findings = judge_each(evidence, key, hypotheses, log10_fpr - price)
         return cls(evidence, findings, price, log10_fpr)
 

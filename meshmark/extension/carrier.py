@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Carrier:
         Indices of the vertices into the frame's points.
     bins : (n,) int
         Bin of each vertex, 0 to `n_bins` - 1; -1 for a vertex in none.
-    place : (n,) float64
+    bin_fraction : (n,) float64
         Place of each vertex within its bin, from 0 at its lower to 1 at its upper end.
     n_bins : int
         Number of bins.
@@ -34,7 +34,7 @@ class Carrier:
 
     vertices: IntArray
     bins: IntArray
-    place: FloatArray
+    bin_fraction: FloatArray
     n_bins: int
     descriptor: FloatArray
 
@@ -62,7 +62,7 @@ class Chips:
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class Observation:
     """What one frame says, under every hypothesis about how it is to be read.
 
     Parameters
@@ -77,9 +77,9 @@ class Sighting:
         Shapes of the carriers, by which they are told apart between frames.
     vertices : (C,) int or None
         Vertex at which each carrier stands, where it stands at one.
-    placement : Placement or None
+    posterior : WordPosterior or None
         Which words carriers may hold, where their shapes tell.
-    decisive : float
+    bit_threshold : float
         Evidence that a chip must exceed to count as a bit, in [0, 1), in bit error rates; all of
         it counts in verdicts.
     """
@@ -88,15 +88,15 @@ class Sighting:
     log_prior: FloatArray
     descriptors: FloatArray
     vertices: IntArray | None = None
-    placement: Placement | None = None
-    decisive: float = 0.0
+    posterior: WordPosterior | None = None
+    bit_threshold: float = 0.0
 
 
-def sighting_of(carriers: Sequence[Carrier], strength: float) -> Sighting:
+def observation_of(carriers: Sequence[Carrier], strength: float) -> Observation:
     """Turn binned carriers into evidence: a chip counts in full from `strength` on."""
     soft = np.clip(measure(carriers).value / strength, -1.0, 1.0)
     descriptors = np.array([carrier.descriptor for carrier in carriers])
-    return Sighting(soft[None], np.zeros(1), descriptors)
+    return Observation(soft[None], np.zeros(1), descriptors)
 
 
 def measure(carriers: Sequence[Carrier]) -> Chips:
@@ -111,6 +111,6 @@ def _measure_one(carrier: Carrier) -> tuple[FloatArray, IntArray]:
     inside = carrier.bins >= 0
     k = carrier.bins[inside]
     count = np.bincount(k, minlength=carrier.n_bins)
-    moment = np.bincount(k, carrier.place[inside] - 0.5, carrier.n_bins)
+    moment = np.bincount(k, carrier.bin_fraction[inside] - 0.5, carrier.n_bins)
     value = np.divide(moment, count, out=np.zeros(carrier.n_bins), where=count > 0)
     return value, count.astype(np.int64)

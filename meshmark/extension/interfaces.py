@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.extension.carrier import Carrier, Sighting
+from meshmark.extension.carrier import Carrier, Observation
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 
@@ -211,7 +211,7 @@ class JointScheme(Protocol):
     n_words: int
     restorations: tuple[int, ...]
 
-    def sight(self, frame: Frame, reference: Frame | None = None) -> Sighting:
+    def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
         """Measure a frame alone: every carrier, under every reading.
 
         Parameters
@@ -245,7 +245,7 @@ class JointScheme(Protocol):
         Parameters
         ----------
         words : (n_words, n_chips) int
-            The key's code words; which carrier takes which, `sight` must be able to tell.
+            The key's code words; which carrier takes which, `observe` must be able to tell.
         jobs : int
             Worker processes that may be used.
 

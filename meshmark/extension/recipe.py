@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from meshmark.errors import UsageError
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
-from meshmark.extension.registry import Offer, catalogue, check_parameters, make_segmenter
+from meshmark.extension.registry import (
+    RegisteredPlugin,
+    catalogue,
+    check_parameters,
+    make_segmenter,
+)
 
 Parameters = Mapping[str, Any]
 
@@ -63,7 +68,7 @@ class Recipe:
             check_parameters(offers[name], parameters)
 
     @property
-    def offers(self) -> tuple[Offer, Offer, Offer]:
+    def offers(self) -> tuple[RegisteredPlugin, RegisteredPlugin, RegisteredPlugin]:
         """The plugins behind the names: scheme, segmenter, solver."""
         plugins = catalogue()
         return (
@@ -143,7 +148,7 @@ def recipe_from_text(
     return Recipe(scheme, segmenter, geodesic, converted)
 
 
-def convert(offer: Offer, name: str, text: str) -> Any:
+def convert(offer: RegisteredPlugin, name: str, text: str) -> Any:
     """Turn typed text into a value of the type of the parameter's default."""
     default = offer.record.parameters.get(name)
     try:

@@ -28,7 +28,7 @@ KINDS: Mapping[str, tuple[str, type[PluginRecord]]] = {
 
 
 @dataclass(frozen=True)
-class Offer:
+class RegisteredPlugin:
     """A record, and the distribution that offers it."""
 
     kind: str
@@ -57,7 +57,7 @@ class Catalogue:
 
     Parameters
     ----------
-    offers : tuple of Offer
+    offers : tuple of RegisteredPlugin
         In order of kind, then name.
     broken : tuple of Broken
         Plugins that were left out.
@@ -65,15 +65,15 @@ class Catalogue:
         Names claimed more than once: an error as soon as one of them is asked for.
     """
 
-    offers: tuple[Offer, ...]
+    offers: tuple[RegisteredPlugin, ...]
     broken: tuple[Broken, ...] = ()
     collisions: Mapping[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
 
-    def of_kind(self, kind: str) -> tuple[Offer, ...]:
+    def of_kind(self, kind: str) -> tuple[RegisteredPlugin, ...]:
         """Return the offers of one kind."""
         return tuple(offer for offer in self.offers if offer.kind == kind)
 
-    def find(self, kind: str, name: str) -> Offer:
+    def find(self, kind: str, name: str) -> RegisteredPlugin:
         """Return the offer of that name.
 
         Raises
@@ -122,7 +122,7 @@ class Catalogue:
         return f"; not loaded: {names}"
 
 
-def check_parameters(offer: Offer, parameters: Mapping[str, Any]) -> None:
+def check_parameters(offer: RegisteredPlugin, parameters: Mapping[str, Any]) -> None:
     """Refuse parameters the offer's record does not list."""
     taken = offer.record.parameters
     hidden = {"segmenter", "solver"} if offer.kind == "scheme" else set()
@@ -150,7 +150,7 @@ def load(found: Sequence[tuple[EntryPoint, Distribution]], *, strict: bool) -> C
     """Build a catalogue from entry points; see `catalogue`."""
     manager = pluggy.PluginManager(PROJECT)
     manager.add_hookspecs(hookspecs)
-    offers: list[Offer] = []
+    offers: list[RegisteredPlugin] = []
     broken: list[Broken] = []
     for entry, distribution in found:
         name, version = distribution.metadata["Name"], distribution.version
@@ -159,7 +159,7 @@ def load(found: Sequence[tuple[EntryPoint, Distribution]], *, strict: bool) -> C
             manager.register(plugin, name=f"{name}:{entry.name}")
             manager.check_pending()
             records = _records(manager, plugin)
-            offers += [Offer(kind, record, name, version) for kind, record in records]
+            offers += [RegisteredPlugin(kind, record, name, version) for kind, record in records]
         # A stranger's module may raise anything at all while it is imported.
         except (Exception, SystemExit) as error:
             if strict:
@@ -185,8 +185,8 @@ def _records(manager: pluggy.PluginManager, plugin: object) -> list[tuple[str, P
     return records
 
 
-def _without_collisions(offers: Sequence[Offer], broken: Sequence[Broken]) -> Catalogue:
-    claims: dict[tuple[str, str], list[Offer]] = {}
+def _without_collisions(offers: Sequence[RegisteredPlugin], broken: Sequence[Broken]) -> Catalogue:
+    claims: dict[tuple[str, str], list[RegisteredPlugin]] = {}
     for offer in offers:
         claims.setdefault((offer.kind, offer.name), []).append(offer)
     order = list(KINDS)

@@ -13,7 +13,7 @@ TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
 # Belief that a carrier was destroyed.
 LOST = 0.15
 # How many of all combinations are summed up, those that promise the most.
-PROMISING = 8
+LIKELIEST = 8
 
 
 def log_cosh(x: FloatArray) -> FloatArray:
@@ -47,8 +47,8 @@ def e_values(score: FloatArray, log_null: FloatArray, tilts: FloatArray) -> Floa
     return log_e
 
 
-def most_promising(promise: FloatArray) -> tuple[IntArray, ...]:
-    """Find where most is promised in (n, ...): (n, `PROMISING`) indices along each axis."""
+def likeliest(promise: FloatArray) -> tuple[IntArray, ...]:
+    """Find where most is promised in (n, ...): (n, `LIKELIEST`) indices along each axis."""
     flat = promise.reshape(len(promise), -1)
-    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :PROMISING]
+    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :LIKELIEST]
     return np.unravel_index(chosen, promise.shape[1:])

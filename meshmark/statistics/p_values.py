@@ -24,9 +24,9 @@ from scipy.special import logsumexp
 
 from meshmark.arrays import FloatArray, SignArray
 from meshmark.statistics.assignments import mean_over_assignments
-from meshmark.statistics.e_values import LOST, TILTS, e_values, log_cosh, most_promising
-from meshmark.statistics.placed_words import mean_of_placed, promises
-from meshmark.statistics.word_windows import SHIFT_BELIEF, WINDOW, Placement, Windows
+from meshmark.statistics.e_values import LOST, TILTS, e_values, likeliest, log_cosh
+from meshmark.statistics.window_mean import mean_over_windows, promises
+from meshmark.statistics.word_windows import SHIFT_BELIEF, WINDOW, Windows, WordPosterior
 
 # Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
 AT_ONCE = 2_000_000
@@ -55,7 +55,7 @@ def word_log_e(S: FloatArray, words: SignArray) -> FloatArray:
 
 
 def word_log_e_means(
-    S: FloatArray, log_prior: FloatArray, words: SignArray, placement: Placement | None = None
+    S: FloatArray, log_prior: FloatArray, words: SignArray, posterior: WordPosterior | None = None
 ) -> FloatArray:
     """Log e-value of words on evidence that can be read in several ways, all paid for.
 
@@ -67,7 +67,7 @@ def word_log_e_means(
         Log belief in each reading; the exponentials sum to at most 1.
     words : (..., M, K) int
         A key's words; leading axes are keys or recipients.
-    placement : Placement, optional
+    posterior : WordPosterior, optional
         Which words carriers may hold; any by default, rather those in order.
 
     Returns
@@ -78,11 +78,11 @@ def word_log_e_means(
     -----
     Averaged over readings, tilts and assignments. A carrier that an attack destroyed may hold
     nothing: it then costs `LOST`, not all of its noise. Assignments are summed up only for the
-    `PROMISING` pairs of reading and tilt; leaving out what adds nothing but positive terms
+    `LIKELIEST` pairs of reading and tilt; leaving out what adds nothing but positive terms
     makes an e-value smaller, never dishonest.
     """
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
-    windows = None if placement is None else placement.windows(words.shape[-2])
+    windows = None if posterior is None else posterior.windows(words.shape[-2])
     log_null = _log_null(S)
     width = words.shape[-2] if windows is None else WINDOW
     at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * width))
@@ -94,13 +94,13 @@ def word_log_e_means(
 
 
 def reading_promises(
-    S: FloatArray, log_prior: FloatArray, words: SignArray, placement: Placement
+    S: FloatArray, log_prior: FloatArray, words: SignArray, posterior: WordPosterior
 ) -> FloatArray:
     """Estimate how much each reading speaks for one key's words (M, K), (R,), in logarithms.
 
     Other parameters are those of `word_log_e_means`.
     """
-    windows = placement.windows(len(words))
+    windows = posterior.windows(len(words))
     return promises(S, words[None], _log_null(S), log_prior, windows)[0]
 
 
@@ -117,12 +117,12 @@ def _mean_of_readings(
     windows: Windows | None,
 ) -> FloatArray:
     if windows is not None:
-        return mean_of_placed(S, words, log_null, log_prior, windows)
+        return mean_over_windows(S, words, log_null, log_prior, windows)
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
     e = e_values(score[:, :, None], log_null, TILTS)
     belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
     promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
-    reading, tilt = most_promising(promise)
+    reading, tilt = likeliest(promise)
     log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], reading, tilt]))
     return logsumexp(log_means + belief[reading, tilt], axis=-1)
 
@@ -131,7 +131,7 @@ def log10_p_words(
     S: FloatArray,
     words: SignArray,
     log_prior: FloatArray | None = None,
-    placement: Placement | None = None,
+    posterior: WordPosterior | None = None,
 ) -> FloatArray:
     """Bound log10 of the probability that random words do as well, every search paid for.
 
@@ -143,7 +143,7 @@ def log10_p_words(
         The key's words; M = 1 means that all carriers share one word.
     log_prior : (R,) float64, optional
         Log belief in each reading; evenly shared by default.
-    placement : Placement, optional
+    posterior : WordPosterior, optional
         Which words carriers may hold.
 
     Returns
@@ -154,7 +154,7 @@ def log10_p_words(
     S = S[None] if S.ndim == 2 else S
     prior = np.full(len(S), -np.log(len(S))) if log_prior is None else log_prior
     if words.shape[-2] > 1:
-        return _markov(word_log_e_means(S, prior, words, placement))
+        return _markov(word_log_e_means(S, prior, words, posterior))
     if len(S) == 1:
         return _log10_p_shared(S[0].sum(axis=0), words[..., 0, :])
     # One word for all carriers: each reading's sum over them stands for a carrier.
@@ -220,7 +220,7 @@ def reachable_log10_p(
     held: NDArray[np.bool_],
     n_words: int,
     log_prior: float = 0.0,
-    placement: Placement | None = None,
+    posterior: WordPosterior | None = None,
 ) -> float:
     """Lowest log10 p that chips which are not erasures could give the best of keys.
 
@@ -232,14 +232,14 @@ def reachable_log10_p(
         Number of words; 1 if shared.
     log_prior : float
         Log belief in the reading that shows them so.
-    placement : Placement, optional
+    posterior : WordPosterior, optional
         Which words carriers may hold under that one reading.
     """
     if n_words == 1:
         return -float(held.any(axis=0).sum() * np.log10(2.0))
-    if placement is not None:
+    if posterior is not None:
         # The best of keys gives carriers the words nearest to their places, no word twice.
-        windows = placement.windows(n_words)
+        windows = posterior.windows(n_words)
         right = np.outer(TILTS - log_cosh(TILTS), held.sum(axis=1))
         e = np.full((len(TILTS), len(held), WINDOW), LOST)
         carriers, best = windows.likeliest(n_words)

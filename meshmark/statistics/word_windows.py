@@ -31,24 +31,24 @@ AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class WordPosterior:
     """Where carriers stand in the list of words, as far as their shape tells.
 
     Parameters
     ----------
-    place : (R, C) float64
+    position : (R, C) float64
         Place of each carrier's word in the list, under each reading; between two words where
         either may be meant. NaN where unknown: such a carrier says nothing.
-    doubt : (C,) float64
+    p_null : (C,) float64
         Belief that a carrier holds no word at all, in (0, 1).
     """
 
-    place: FloatArray
-    doubt: FloatArray
+    position: FloatArray
+    p_null: FloatArray
 
-    def under(self, reading: int) -> Placement:
+    def under(self, reading: int) -> WordPosterior:
         """Keep one reading."""
-        return Placement(self.place[[reading]], self.doubt)
+        return WordPosterior(self.position[[reading]], self.p_null)
 
     def windows(self, n_words: int) -> Windows:
         """Spread the belief of every carrier over the words about its place.
@@ -58,36 +58,36 @@ class Placement:
         n_words : int
             M, at least `WINDOW`.
         """
-        known = np.isfinite(self.place)
-        place = np.where(known, self.place, 0.0)
+        known = np.isfinite(self.position)
+        place = np.where(known, self.position, 0.0)
         first = np.floor(place).astype(np.int64) - (WINDOW // 2 - 1)
         first = np.clip(first, 0, n_words - WINDOW)
         off = first[..., None] + np.arange(WINDOW) - place[..., None]
         shifts, nearness = SHIFTS[:, None, None, None], NEARNESS[:, None, None, None]
         near = np.exp(-np.abs(off - shifts) / nearness)
         near = (1.0 - ANY) * near / near.sum(axis=-1, keepdims=True) + ANY / WINDOW
-        doubt = np.where(known, self.doubt, 1.0)
-        return Windows(first, (1.0 - doubt)[..., None] * near, doubt)
+        p_null = np.where(known, self.p_null, 1.0)
+        return Windows(first, (1.0 - p_null)[..., None] * near, p_null)
 
 
-def together(placements: Sequence[Placement]) -> Placement:
+def together(posteriors: Sequence[WordPosterior]) -> WordPosterior:
     """Say of the same carriers in several frames, those that show them, what most frames say.
 
-    The placements may be many, and are asked for one at a time, more than once.
+    The posteriors may be many, and are asked for one at a time, more than once.
     """
-    doubt = np.array([placement.doubt for placement in placements])
-    shown = np.array([np.isfinite(placement.place).all(axis=0) for placement in placements])
+    p_null = np.array([posterior.p_null for posterior in posteriors])
+    shown = np.array([np.isfinite(posterior.position).all(axis=0) for posterior in posteriors])
     counts = shown.sum(axis=0)
     known = np.flatnonzero(counts)
-    R, C = placements[0].place.shape
+    R, C = posteriors[0].position.shape
     middle = np.full((R, C), np.nan)
-    rows = max(1, AT_ONCE // max(1, len(placements) * len(known)))
+    rows = max(1, AT_ONCE // max(1, len(posteriors) * len(known)))
     for begin in range(0, R, rows):
         some = slice(begin, begin + rows)
-        place = np.array([placement.place[some, known] for placement in placements])
+        place = np.array([posterior.position[some, known] for posterior in posteriors])
         middle[some, known] = np.nanmedian(place, axis=0)
-    shared = np.where(shown, doubt, 0.0).sum(axis=0) / np.maximum(counts, 1)
-    return Placement(middle, np.where(counts > 0, shared, 1.0))
+    shared = np.where(shown, p_null, 0.0).sum(axis=0) / np.maximum(counts, 1)
+    return WordPosterior(middle, np.where(counts > 0, shared, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +100,13 @@ class Windows:
         First word of each carrier's window.
     belief : (Q, R, C, W) float64
         Belief in each word of the window, for each of `SHIFTS`.
-    doubt : (R, C) float64
+    p_null : (R, C) float64
         Belief in none. With the others it sums to 1.
     """
 
     first: IntArray
     belief: FloatArray
-    doubt: FloatArray
+    p_null: FloatArray
 
     def log_ways(self, shift: IntArray, reading: IntArray) -> FloatArray:
         """Log of the sum of beliefs over all ways in which no word is held twice, (N,).
@@ -117,7 +117,7 @@ class Windows:
         new = np.isnan(known[shift, reading])
         if new.any():
             q, r = np.unique(np.stack([shift[new], reading[new]]), axis=1)
-            known[q, r] = np.log(_sums(self.first[r], self.belief[q, r], self.doubt[r]))
+            known[q, r] = np.log(_sums(self.first[r], self.belief[q, r], self.p_null[r]))
         return known[shift, reading]
 
     @cached_property
@@ -196,7 +196,7 @@ class Windows:
             Which readings those are.
         """
         each = np.einsum("nptcw,qnpcw->nqptc", e, self.belief[:, reading], optimize=True)
-        return np.log(each + self.doubt[reading][:, None, :, None]).sum(axis=-1)
+        return np.log(each + self.p_null[reading][:, None, :, None]).sum(axis=-1)
 
     def log_mean(self, e: FloatArray, shift: IntArray, reading: IntArray) -> FloatArray:
         """Average prod e[c, word of c] over the ways to give carriers words, no word twice.
@@ -217,7 +217,7 @@ class Windows:
         """
         scale = np.maximum(e.max(axis=-1), 1.0)
         x = self.belief[shift, reading] * (e / scale[..., None])
-        summed = _sums(self.first[reading], x, self.doubt[reading] / scale)
+        summed = _sums(self.first[reading], x, self.p_null[reading] / scale)
         mean: FloatArray = np.log(summed) + np.log(scale).sum(axis=-1)
         return mean - self.log_ways(shift, reading)
 

@@ -23,7 +23,7 @@ from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
-from meshmark.extension.carrier import Sighting
+from meshmark.extension.carrier import Observation
 from meshmark.extension.hookspecs import SchemeRecord
 from meshmark.extension.interfaces import JointScheme
 from meshmark.mesh.animation import Frame, MeshAnimation
@@ -107,31 +107,31 @@ class JointSchemeSuite(SchemeRecordSuite):
         given = record.factory(**parts, **record.parameters)
         for name in ("n_chips", "n_words", "restorations"):
             assert getattr(given, name) == getattr(bare, name)
-        np.testing.assert_array_equal(given.sight(frame).soft, bare.sight(frame).soft)
+        np.testing.assert_array_equal(given.observe(frame).soft, bare.observe(frame).soft)
 
     def test_sightings_are_sound(self, scheme: JointScheme, animation: MeshAnimation) -> None:
         """Evidence and beliefs in range; readings are the same ones in every frame."""
-        sightings = [scheme.sight(frame) for frame in analysed(animation)]
-        for sighting, frame in zip(sightings, analysed(animation), strict=True):
-            assert_sound(sighting, frame, scheme.n_chips)
-            assert np.any(sighting.soft)
-            assert sighting.log_prior.shape == sightings[0].log_prior.shape
-            assert sighting.descriptors.shape[1] == sightings[0].descriptors.shape[1]
-            assert (sighting.vertices is None) == (sightings[0].vertices is None)
-            assert (sighting.placement is None) == (sightings[0].placement is None)
+        observations = [scheme.observe(frame) for frame in analysed(animation)]
+        for observation, frame in zip(observations, analysed(animation), strict=True):
+            assert_sound(observation, frame, scheme.n_chips)
+            assert np.any(observation.soft)
+            assert observation.log_prior.shape == observations[0].log_prior.shape
+            assert observation.descriptors.shape[1] == observations[0].descriptors.shape[1]
+            assert (observation.vertices is None) == (observations[0].vertices is None)
+            assert (observation.posterior is None) == (observations[0].posterior is None)
 
     def test_same_frame_same_sighting(self, scheme: JointScheme, animation: MeshAnimation) -> None:
         """Nothing is drawn by chance, and nothing is kept from one frame to the next."""
         whole = analysed(animation)
         first, last = whole[0], whole[len(whole) - 1]
-        before = [scheme.sight(frame) for frame in (first, last)]
-        after = [scheme.sight(frame) for frame in (last, first)]
+        before = [scheme.observe(frame) for frame in (first, last)]
+        after = [scheme.observe(frame) for frame in (last, first)]
         for one, two in zip(before, after[::-1], strict=True):
             assert_equal(one, two)
 
     def test_a_worker_sees_the_same(self, scheme: JointScheme, frame: Frame) -> None:
         """The scheme pickles, and looks alike wherever it is unpickled."""
-        assert_equal(pickle.loads(pickle.dumps(scheme)).sight(frame), scheme.sight(frame))
+        assert_equal(pickle.loads(pickle.dumps(scheme)).observe(frame), scheme.observe(frame))
 
     @pytest.mark.parametrize("scale", [1e-3, 1e3])
     def test_similarity_changes_nothing(
@@ -140,7 +140,7 @@ class JointSchemeSuite(SchemeRecordSuite):
         """Turning, scaling and shifting leave all evidence as it was."""
         other = frame.moved(moved(frame.points, scale, np.random.default_rng(2)))
         same = np.arange(len(frame.points))
-        assert_alike(scheme.sight(frame), scheme.sight(other), same, tolerance)
+        assert_alike(scheme.observe(frame), scheme.observe(other), same, tolerance)
 
     def test_order_changes_nothing(
         self, scheme: JointScheme, frame: Frame, tolerance: float
@@ -148,7 +148,7 @@ class JointSchemeSuite(SchemeRecordSuite):
         """Vertices and faces may stand in any order."""
         mixed = reordered(frame.points, frame.faces, np.random.default_rng(3))
         other = Frame(frame.time, mixed.V, Topology.from_triangles(mixed.F, len(mixed.V)))
-        assert_alike(scheme.sight(frame), scheme.sight(other), mixed.vertex, tolerance)
+        assert_alike(scheme.observe(frame), scheme.observe(other), mixed.vertex, tolerance)
 
     def test_a_mark_is_found_blindly_by_its_key_alone(
         self, scheme: JointScheme, animation: MeshAnimation, highest_log10_p: float
@@ -225,7 +225,7 @@ class JointSchemeSuite(SchemeRecordSuite):
         V, F = mesh
         frame = Frame(1.0, V, Topology.from_triangles(F, len(V)))
         with suppress(CapacityError):
-            assert_sound(scheme.sight(frame), frame, scheme.n_chips)
+            assert_sound(scheme.observe(frame), frame, scheme.n_chips)
 
 
 def analysed(animation: MeshAnimation) -> MeshAnimation:
@@ -233,43 +233,43 @@ def analysed(animation: MeshAnimation) -> MeshAnimation:
     return animation.map(Welding.of(animation[0]).frame)
 
 
-def assert_sound(sighting: Sighting, frame: Frame, n_chips: int) -> None:
-    """Fail unless a sighting's arrays are consistent and in range."""
-    R, C, K = sighting.soft.shape
+def assert_sound(observation: Observation, frame: Frame, n_chips: int) -> None:
+    """Fail unless a observation's arrays are consistent and in range."""
+    R, C, K = observation.soft.shape
     assert min(R, C) >= 1
     assert n_chips == K
-    assert np.all(np.isfinite(sighting.soft))
-    assert np.abs(sighting.soft).max() <= 1.0
-    assert sighting.log_prior.shape == (R,)
-    assert float(logsumexp(sighting.log_prior)) <= SLACK
-    assert sighting.descriptors.ndim == 2
-    assert len(sighting.descriptors) == C
-    assert np.all(np.isfinite(sighting.descriptors))
-    if sighting.placement is not None:
-        assert sighting.placement.place.shape == (R, C)
-        assert sighting.placement.doubt.shape == (C,)
-        assert np.all((sighting.placement.doubt > 0.0) & (sighting.placement.doubt < 1.0))
-    if sighting.vertices is not None:
-        assert sighting.vertices.shape == (C,)
-        assert sighting.vertices.dtype.kind in "iu"
-        assert len(np.unique(sighting.vertices)) == C
-        assert sighting.vertices.min() >= 0
-        assert sighting.vertices.max() < len(frame.points)
+    assert np.all(np.isfinite(observation.soft))
+    assert np.abs(observation.soft).max() <= 1.0
+    assert observation.log_prior.shape == (R,)
+    assert float(logsumexp(observation.log_prior)) <= SLACK
+    assert observation.descriptors.ndim == 2
+    assert len(observation.descriptors) == C
+    assert np.all(np.isfinite(observation.descriptors))
+    if observation.posterior is not None:
+        assert observation.posterior.position.shape == (R, C)
+        assert observation.posterior.p_null.shape == (C,)
+        assert np.all((observation.posterior.p_null > 0.0) & (observation.posterior.p_null < 1.0))
+    if observation.vertices is not None:
+        assert observation.vertices.shape == (C,)
+        assert observation.vertices.dtype.kind in "iu"
+        assert len(np.unique(observation.vertices)) == C
+        assert observation.vertices.min() >= 0
+        assert observation.vertices.max() < len(frame.points)
 
 
-def assert_equal(one: Sighting, two: Sighting) -> None:
-    """Fail unless two sightings are the same to the last bit."""
+def assert_equal(one: Observation, two: Observation) -> None:
+    """Fail unless two observations are the same to the last bit."""
     np.testing.assert_array_equal(one.soft, two.soft)
     np.testing.assert_array_equal(one.log_prior, two.log_prior)
     np.testing.assert_array_equal(one.descriptors, two.descriptors)
     np.testing.assert_array_equal(one.vertices, two.vertices)
-    if one.placement is not None and two.placement is not None:
-        np.testing.assert_array_equal(one.placement.place, two.placement.place)
-        np.testing.assert_array_equal(one.placement.doubt, two.placement.doubt)
+    if one.posterior is not None and two.posterior is not None:
+        np.testing.assert_array_equal(one.posterior.position, two.posterior.position)
+        np.testing.assert_array_equal(one.posterior.p_null, two.posterior.p_null)
 
 
-def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: float) -> None:
-    """Fail unless two sightings of one shape agree, in whatever order their carriers stand.
+def assert_alike(one: Observation, two: Observation, vertex: IntArray, tolerance: float) -> None:
+    """Fail unless two observations of one shape agree, in whatever order their carriers stand.
 
     Parameters
     ----------
@@ -287,6 +287,6 @@ def assert_alike(one: Sighting, two: Sighting, vertex: IntArray, tolerance: floa
     np.testing.assert_allclose(
         two.descriptors[order], one.descriptors, rtol=tolerance, atol=tolerance
     )
-    if one.placement is not None and two.placement is not None:
-        places = two.placement.place[:, order]
-        np.testing.assert_allclose(places, one.placement.place, rtol=0, atol=20.0 * tolerance)
+    if one.posterior is not None and two.posterior is not None:
+        places = two.posterior.position[:, order]
+        np.testing.assert_allclose(places, one.posterior.position, rtol=0, atol=20.0 * tolerance)

@@ -239,7 +239,7 @@ def assert_sound(carrier: Carrier, frame: Frame, n_chips: int) -> None:
     """Fail unless a carrier's arrays are consistent and in range."""
     n = len(carrier.vertices)
     assert carrier.n_bins == n_chips
-    assert carrier.bins.shape == carrier.place.shape == (n,)
+    assert carrier.bins.shape == carrier.bin_fraction.shape == (n,)
     assert carrier.vertices.dtype.kind in "iu"
     assert carrier.bins.dtype.kind in "iu"
     assert len(np.unique(carrier.vertices)) == n
@@ -247,7 +247,7 @@ def assert_sound(carrier: Carrier, frame: Frame, n_chips: int) -> None:
     assert carrier.vertices.max() < len(frame.points)
     assert carrier.bins.min() >= -1
     assert carrier.bins.max() < n_chips
-    place = carrier.place[carrier.bins >= 0]
+    place = carrier.bin_fraction[carrier.bins >= 0]
     assert place.size
     assert place.min() >= -SLACK
     assert place.max() <= 1.0 + SLACK

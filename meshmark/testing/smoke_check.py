@@ -8,12 +8,12 @@ import numpy as np
 
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.extension.recipe import SolverFactory
-from meshmark.extension.registry import Offer, catalogue
+from meshmark.extension.registry import RegisteredPlugin, catalogue
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import dumbbell
 
 
-def check_offer(offer: Offer) -> list[str]:
+def check_plugin(offer: RegisteredPlugin) -> list[str]:
     """Make what is offered and try it.
 
     Returns
@@ -28,13 +28,13 @@ def check_offer(offer: Offer) -> list[str]:
         return [f"{type(error).__name__}: {error}"]
 
 
-def _reader(offer: Offer) -> list[str]:
+def _reader(offer: RegisteredPlugin) -> list[str]:
     reader = offer.record.factory()
     accepted = reader.accepts("no-such-file.unknown-suffix")
     return ["accepts a file of a kind nobody knows"] if accepted else []
 
 
-def _segmenter(offer: Offer) -> list[str]:
+def _segmenter(offer: RegisteredPlugin) -> list[str]:
     V, F = dumbbell()
     labels = np.asarray(offer.record.factory().segment(V, F))
     again = np.asarray(offer.record.factory().segment(V, F))
@@ -46,7 +46,7 @@ def _segmenter(offer: Offer) -> list[str]:
     return problems
 
 
-def _geodesic(offer: Offer) -> list[str]:
+def _geodesic(offer: RegisteredPlugin) -> list[str]:
     V, F = dumbbell()
     sources = np.array([0, len(V) - 1])
     D = np.asarray(offer.record.factory(V, F).distances(sources))
@@ -60,7 +60,7 @@ def _geodesic(offer: Offer) -> list[str]:
     return problems
 
 
-def _scheme(offer: Offer) -> list[str]:
+def _scheme(offer: RegisteredPlugin) -> list[str]:
     from meshmark.detection.extraction import extract
 
     segmenter = catalogue().make("segmenter", DEFAULT_SEGMENTER)
@@ -72,7 +72,7 @@ def _scheme(offer: Offer) -> list[str]:
     return []
 
 
-def _attack(offer: Offer) -> list[str]:
+def _attack(offer: RegisteredPlugin) -> list[str]:
     animation = _animation()
     before = animation[0].points.copy()
     attacked = offer.record.factory().apply(animation, np.random.default_rng(0))
@@ -90,7 +90,7 @@ def _animation() -> MeshAnimation:
     return creature(frames=2)
 
 
-_CHECKS: dict[str, Callable[[Offer], list[str]]] = {
+_CHECKS: dict[str, Callable[[RegisteredPlugin], list[str]]] = {
     "reader": _reader,
     "segmenter": _segmenter,
     "geodesic": _geodesic,

@@ -20,7 +20,7 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
-from meshmark.detection.evidence import Evidence, Strand
+from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.verdict import decide
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
@@ -219,8 +219,8 @@ def test_a_verdict_becomes_the_figures_of_a_row() -> None:
     # Frame 2: three bits of one part wrong, four of the other.
     value[2, 0, :3] *= -1
     value[2, 1, :4] *= -1
-    strand = Strand.of(value[:, None] / 0.05, np.zeros(1))
-    evidence = Evidence("/A", "tsai2014", 2, np.arange(4.0), (strand,))
+    variant = RestoredVariant.of(value[:, None] / 0.05, np.zeros(1))
+    evidence = Evidence("/A", "tsai2014", 2, np.arange(4.0), (variant,))
     row = describe(decide("a", [evidence], key))
     assert row["ber_avg"] == pytest.approx(3 / 16 / 4)
     assert row["ber_max"] == 3 / 16

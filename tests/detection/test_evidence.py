@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from meshmark.detection.bit_error_rate import bit_errors
-from meshmark.detection.evidence import STEPS, Evidence, Strand
+from meshmark.detection.evidence import STEPS, Evidence, RestoredVariant
 from meshmark.detection.hypothesis_test import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.detection.verdict import decide, shares
-from meshmark.extension.carrier import Carrier, measure, sighting_of
+from meshmark.extension.carrier import Carrier, measure, observation_of
 from meshmark.keys import Key
 from meshmark.statistics.p_values import word_log_e_means
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 
 KEY = Key(bytes(range(32)))
 OTHER = Key(bytes(range(1, 33)))
@@ -35,8 +35,8 @@ def evidence(words, *, frames=3, noise=0.0, n_words=None, erase=(), tracked=True
 
 
 def of_values(value, n_words, times, tracked=True) -> Evidence:
-    strand = Strand.of(np.clip(value, -1, 1)[:, None], np.zeros(1))
-    return Evidence("/A", "tsai2014", n_words, times, (strand,), tracked)
+    variant = RestoredVariant.of(np.clip(value, -1, 1)[:, None], np.zeros(1))
+    return Evidence("/A", "tsai2014", n_words, times, (variant,), tracked)
 
 
 def test_a_chip_is_the_mean_place_less_one_half() -> None:
@@ -62,14 +62,16 @@ def test_chips_that_say_too_little_are_no_bits() -> None:
     # Clear where right, and feeble where wrong.
     soft = 0.9 * words.astype(float)
     soft[:, :3] = -0.3 * words[:, :3]
-    strand = Strand.of(soft[None, None], np.zeros(1))
-    item = Evidence("/A", "apex", 2, np.zeros(1), (strand,))
+    variant = RestoredVariant.of(soft[None, None], np.zeros(1))
+    item = Evidence("/A", "apex", 2, np.zeros(1), (variant,))
     assert bit_errors(item, words).maximum == pytest.approx(3 / 16)
-    assert bit_errors(replace(item, decisive=1 / 3), words).maximum == 0.0
-    assert bit_errors(replace(item, decisive=0.25), words).maximum == pytest.approx(3 / 16)
+    assert bit_errors(replace(item, bit_threshold=1 / 3), words).maximum == 0.0
+    assert bit_errors(replace(item, bit_threshold=0.25), words).maximum == pytest.approx(3 / 16)
     # And a part of too few bits is left out.
     soft[:, :9] *= 0.3
-    few = replace(item, strands=(Strand.of(soft[None, None], np.zeros(1)),), decisive=1 / 3)
+    few = replace(
+        item, variants=(RestoredVariant.of(soft[None, None], np.zeros(1)),), bit_threshold=1 / 3
+    )
     assert np.isnan(bit_errors(few, words).per_frame).all()
 
 
@@ -103,9 +105,9 @@ def test_every_frame_is_read_in_its_own_way() -> None:
     soft = rng.uniform(-0.9, 0.9, size=(4, 3, 2, 16))
     for t, reading in enumerate([0, 2, 1, 2]):
         soft[t, reading] = 0.9 * words[[3, 5]]
-    where = Placement(np.tile([3.0, 5.0], (3, 1)), np.full(2, 0.1))
-    strand = Strand.of(soft, np.full(3, -np.log(3.0)), placements=(where,) * 4)
-    item = Evidence("/A", "apex", 8, np.arange(4.0), (strand,))
+    where = WordPosterior(np.tile([3.0, 5.0], (3, 1)), np.full(2, 0.1))
+    variant = RestoredVariant.of(soft, np.full(3, -np.log(3.0)), posteriors=(where,) * 4)
+    item = Evidence("/A", "apex", 8, np.arange(4.0), (variant,))
     np.testing.assert_array_equal(bit_errors(item, words).per_frame, 0.0)
 
 
@@ -116,7 +118,9 @@ def test_a_frame_that_says_little_is_read_as_all_together() -> None:
     # In one frame another reading, loud but not quite right, speaks more for the words by luck.
     soft[2, 1] = 0.8 * words
     soft[2, 1, :, :2] *= -1.0
-    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (Strand.of(soft, np.log([0.5, 0.5])),))
+    item = Evidence(
+        "/A", "tsai2014", 4, np.arange(4.0), (RestoredVariant.of(soft, np.log([0.5, 0.5])),)
+    )
     np.testing.assert_array_equal(bit_errors(item, words).per_frame, 0.0)
     # Of frames that share no vertices, each may have been treated in another way.
     alone = bit_errors(replace(item, tracked=False), words)
@@ -155,7 +159,7 @@ def test_every_hypothesis_is_paid_for() -> None:
     assert among_hundred.recipient is None
     assert decide("f", [item], KEY, n_schemes=10).log10_p == pytest.approx(alone + 1)
     assert decide("f", [item], KEY, share=0.1).log10_p == pytest.approx(alone + 1)
-    silent = Strand.of(np.zeros((3, 1, 8, 16)), np.zeros(1))
+    silent = RestoredVariant.of(np.zeros((3, 1, 8, 16)), np.zeros(1))
     empty = Evidence("/B", "tsai2014", 8, item.times, (silent,))
     # What could never show anything costs nothing; what could, does.
     assert decide("f", [item, *[empty] * 300], KEY).log10_p == pytest.approx(alone)
@@ -183,9 +187,9 @@ def test_p_of_unmarked_evidence_is_honest_over_keys() -> None:
 
 def test_evidence_is_kept_in_steps_and_erasures_stay_erasures() -> None:
     soft = np.array([-1.0, -0.5, -1e-5, 0.0, 1e-5, 0.3, 1.0]).reshape(1, 1, 1, 7)
-    strand = Strand.of(soft, np.zeros(1))
-    np.testing.assert_allclose(strand.frames[0].steps / STEPS, soft[0], atol=1 / STEPS)
-    np.testing.assert_array_equal(np.sign(strand.frames[0].steps), np.sign(soft[0]))
+    variant = RestoredVariant.of(soft, np.zeros(1))
+    np.testing.assert_allclose(variant.frames[0].steps / STEPS, soft[0], atol=1 / STEPS)
+    np.testing.assert_array_equal(np.sign(variant.frames[0].steps), np.sign(soft[0]))
 
 
 @pytest.mark.parametrize("tracked", [True, False])
@@ -195,9 +199,9 @@ def test_frames_that_disagree_on_the_reading_speak_each_by_itself(tracked) -> No
     rng = np.random.default_rng(3)
     soft = np.clip(rng.normal(size=(4, 4, 4, 16)), -1, 1)
     soft[np.arange(4), np.arange(4)] = words
-    strand = Strand.of(soft, np.log(np.full(4, 0.25)))
-    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (strand,), tracked)
-    together = -word_log_e_means(strand.pooled, strand.belief, words) / np.log(10)
+    variant = RestoredVariant.of(soft, np.log(np.full(4, 0.25)))
+    item = Evidence("/A", "tsai2014", 4, np.arange(4.0), (variant,), tracked)
+    together = -word_log_e_means(variant.pooled, variant.belief, words) / np.log(10)
     assert judge(item, KEY).log10_p < together - 3
     assert judge(item, KEY).log10_p < -6 < -2 < judge(item, OTHER).log10_p
 
@@ -206,9 +210,9 @@ def peak_of_judging(frames: int) -> int:
     """Bytes that judging so many frames, 64 readings each, takes beside the evidence."""
     rng = np.random.default_rng(7)
     soft = rng.uniform(-1, 1, size=(frames, 64, 8, 16))
-    where = Placement(np.tile(np.arange(8.0), (64, 1)), np.full(8, 0.2))
-    strand = Strand.of(soft, np.full(64, -np.log(64.0)), placements=(where,) * frames)
-    item = Evidence("/A", "apex", 16, np.arange(float(frames)), (strand,))
+    where = WordPosterior(np.tile(np.arange(8.0), (64, 1)), np.full(8, 0.2))
+    variant = RestoredVariant.of(soft, np.full(64, -np.log(64.0)), posteriors=(where,) * frames)
+    item = Evidence("/A", "apex", 16, np.arange(float(frames)), (variant,))
     tracemalloc.start()
     judge(item, KEY)
     peak = tracemalloc.get_traced_memory()[1]
@@ -224,11 +228,11 @@ def test_judging_many_frames_takes_no_more_memory_than_few() -> None:
 def many_ways(*, tracked=True) -> Evidence:
     """Three frames of noise, seen as they stand and restored, under three readings each."""
     soft = np.clip(np.random.default_rng(7).normal(size=(2, 3, 3, 4, 16)), -1, 1)
-    strands = tuple(
-        Strand.of(soft[i], np.log([0.6, 0.3, 0.1]), restored, float(np.log(belief)))
+    variants = tuple(
+        RestoredVariant.of(soft[i], np.log([0.6, 0.3, 0.1]), restored, float(np.log(belief)))
         for i, (restored, belief) in enumerate([(0, 0.7), (30, 0.3)])
     )
-    return Evidence("/A", "tsai2014", 4, np.arange(3.0), strands, tracked)
+    return Evidence("/A", "tsai2014", 4, np.arange(3.0), variants, tracked)
 
 
 @pytest.mark.parametrize("tracked", [True, False])
@@ -250,13 +254,14 @@ def test_strands_share_their_belief() -> None:
     near, far = 0.5 * words[None, None], 0.3 * words[None, None]
     times, sure = np.array([1.0]), np.zeros(1)
 
-    def seen(*strands) -> float:
-        item = Evidence("/A", "tsai2014", 4, times, strands)
+    def seen(*variants) -> float:
+        item = Evidence("/A", "tsai2014", 4, times, variants)
         return float(e_value(item, words[None])[0])
 
-    one, two = seen(Strand.of(near, sure)), seen(Strand.of(far, sure))
+    one, two = seen(RestoredVariant.of(near, sure)), seen(RestoredVariant.of(far, sure))
     both = seen(
-        Strand.of(near, sure, 0, float(np.log(0.7))), Strand.of(far, sure, 30, float(np.log(0.3)))
+        RestoredVariant.of(near, sure, 0, float(np.log(0.7))),
+        RestoredVariant.of(far, sure, 30, float(np.log(0.3))),
     )
     assert min(one, two) > 100
     assert both == pytest.approx(0.7 * one + 0.3 * two)
@@ -268,8 +273,8 @@ def test_frames_share_belief_with_all_together(tracked) -> None:
     strength = np.array([0.5, 0.7, 0.6])
     value = strength[:, None, None] * words
     item = of_values(value, 4, np.arange(3.0), tracked)
-    (strand,) = item.strands
-    together = np.exp(word_log_e_means(strand.pooled, strand.belief, words))
+    (variant,) = item.variants
+    together = np.exp(word_log_e_means(variant.pooled, variant.belief, words))
     alone = [e_value(item.select([t]), words[None])[0] for t in range(3)]
     assert min(alone) > 100
     expected = TOGETHER * together + (1.0 - TOGETHER) * np.mean(alone)
@@ -299,5 +304,5 @@ def test_only_the_best_are_tried_on_each_frame_by_itself() -> None:
 
 
 def test_carriers_become_evidence_by_their_strength() -> None:
-    seen = sighting_of([carrier([0, 1, 2], [0.52, 0.4, 0.5])], 0.05)
+    seen = observation_of([carrier([0, 1, 2], [0.52, 0.4, 0.5])], 0.05)
     np.testing.assert_allclose(seen.soft, [[[0.4, -1.0, 0.0, 0.0]]], atol=1e-12)

@@ -14,46 +14,48 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from meshmark.detection.evidence import Evidence, Strand
+from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.evidence_file import KIND, StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.evidence_header import EXPANSION, FRAMES, LONGEST
 from meshmark.detection.gathering import AssetEvidence
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, OutputError
 from meshmark.keys import Key
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 
 KEY = Key(bytes(range(32)))
 
 
-def placements(n_readings, n_carriers) -> tuple[Placement, ...]:
+def posteriors(n_readings, n_carriers) -> tuple[WordPosterior, ...]:
     rng = np.random.default_rng(1)
     places = rng.uniform(0, 7, size=(2, n_readings, n_carriers))
     places[1, :, 0] = np.nan
-    return tuple(map(Placement, places, rng.uniform(0.1, 0.9, size=(2, n_carriers))))
+    return tuple(map(WordPosterior, places, rng.uniform(0.1, 0.9, size=(2, n_carriers))))
 
 
 @pytest.fixture
 def stored() -> StoredEvidence:
     soft = np.random.default_rng(0).uniform(-1, 1, size=(2, 3, 4, 5))
-    strands = (
-        Strand.of(soft, np.log([0.5, 0.3, 0.2]), 0, float(np.log(0.5)), placements(3, 4)),
-        Strand.of(
-            soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5)), placements(3, 2)
+    variants = (
+        RestoredVariant.of(soft, np.log([0.5, 0.3, 0.2]), 0, float(np.log(0.5)), posteriors(3, 4)),
+        RestoredVariant.of(
+            soft[:, :, :2], np.log([0.5, 0.3, 0.2]), 10, float(np.log(0.5)), posteriors(3, 2)
         ),
     )
-    item = Evidence("/A", "apex", 8, np.array([1.0, 2.5]), strands, tracked=False, decisive=0.25)
+    item = Evidence(
+        "/A", "apex", 8, np.array([1.0, 2.5]), variants, tracked=False, bit_threshold=0.25
+    )
     files = (("a.usd", "0" * 64),)
     return StoredEvidence(files, ({"scheme": {"name": "apex"}},), "1:3", (item,), ("a note",))
 
 
-def assert_same_frames(one: Strand, two: Strand) -> None:
+def assert_same_frames(one: RestoredVariant, two: RestoredVariant) -> None:
     for left, right in zip(one.frames, two.frames, strict=True):
         np.testing.assert_array_equal(left.steps, right.steps)
-        assert (left.placement is None) == (right.placement is None)
-        if left.placement is not None:
-            np.testing.assert_array_equal(left.placement.place, right.placement.place)
-            np.testing.assert_array_equal(left.placement.doubt, right.placement.doubt)
+        assert (left.posterior is None) == (right.posterior is None)
+        if left.posterior is not None:
+            np.testing.assert_array_equal(left.posterior.position, right.posterior.position)
+            np.testing.assert_array_equal(left.posterior.p_null, right.posterior.p_null)
 
 
 def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
@@ -63,9 +65,9 @@ def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
     assert loaded.recipes == stored.recipes
     [old], [new] = stored.items, loaded.items
     assert (new.prim, new.scheme, new.n_words, new.tracked) == ("/A", "apex", 8, False)
-    assert new.decisive == 0.25
+    assert new.bit_threshold == 0.25
     np.testing.assert_array_equal(new.times, old.times)
-    for before, after in zip(old.strands, new.strands, strict=True):
+    for before, after in zip(old.variants, new.variants, strict=True):
         assert (after.restored, after.log_belief) == (before.restored, before.log_belief)
         np.testing.assert_array_equal(after.log_prior, before.log_prior)
         assert_same_frames(after, before)
@@ -152,8 +154,8 @@ def test_evidence_of_another_machine_is_told_of_but_carries_no_verdict(
 ) -> None:
     words = KEY.words("apex", 8, 5)
     value = 0.9 * np.tile(words[:4].astype(float), (2, 1, 1, 1))
-    strand = Strand.of(value, np.zeros(1), placements=placements(1, 4))
-    item = replace(stored.items[0], strands=(strand,))
+    variant = RestoredVariant.of(value, np.zeros(1), posteriors=posteriors(1, 4))
+    item = replace(stored.items[0], variants=(variant,))
     save_evidence(replace(stored, items=(item,)), tmp_path / "e")
     monkeypatch.setenv("MESHMARK_EVIDENCE_SECRET", str(tmp_path / "another" / "secret"))
     with pytest.raises(InputError, match="MESHMARK_EVIDENCE_SECRET"):
@@ -228,34 +230,34 @@ def changed_header(stored, tmp_path, change) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda header, item, strands: header.pop("notes"),
-        lambda header, item, strands: header.update(extra=1),
-        lambda header, item, strands: header.update(notes=["x" * 10_000]),
-        lambda header, item, strands: header.update(notes=["\ud800"]),
-        lambda header, item, strands: header.update(files={"a": "b"}),
-        lambda header, item, strands: header.update(files=[["a"]]),
-        lambda header, item, strands: header.update(recipes=[{"scheme": "apex"}]),
-        lambda header, item, strands: header.update(items=[]) or header.update(items=None),
-        lambda header, item, strands: item.update(scheme="another"),
-        lambda header, item, strands: item.update(n_words=7),
-        lambda header, item, strands: item.update(n_words=10**9),
-        lambda header, item, strands: item.update(n_frames=0),
-        lambda header, item, strands: item.update(n_frames=FRAMES),
-        lambda header, item, strands: item.update(n_frames=True),
-        lambda header, item, strands: item.update(tracked=1),
-        lambda header, item, strands: item.update(decisive=1.0),
-        lambda header, item, strands: item.update(decisive=float("nan")),
-        lambda header, item, strands: item.update(strands=[]),
-        lambda header, item, strands: item.update(strands=strands * 200),
-        lambda header, item, strands: strands[0].update(log_belief=0.1),
-        lambda header, item, strands: strands[0].update(log_belief=0.0),
-        lambda header, item, strands: strands[0].update(log_belief=float("-inf")),
-        lambda header, item, strands: strands[0].update(restored=-1),
-        lambda header, item, strands: strands[0].update(shape=[3, 4]),
-        lambda header, item, strands: strands[0].update(shape=[3, 4, 0]),
-        lambda header, item, strands: strands[0].update(shape=[2**16, 2**12, 2**12]),
-        lambda header, item, strands: strands[0].update(shape=[-3, -4, 5]),
-        lambda header, item, strands: strands[0].update(placed=False),
+        lambda header, item, variants: header.pop("notes"),
+        lambda header, item, variants: header.update(extra=1),
+        lambda header, item, variants: header.update(notes=["x" * 10_000]),
+        lambda header, item, variants: header.update(notes=["\ud800"]),
+        lambda header, item, variants: header.update(files={"a": "b"}),
+        lambda header, item, variants: header.update(files=[["a"]]),
+        lambda header, item, variants: header.update(recipes=[{"scheme": "apex"}]),
+        lambda header, item, variants: header.update(items=[]) or header.update(items=None),
+        lambda header, item, variants: item.update(scheme="another"),
+        lambda header, item, variants: item.update(n_words=7),
+        lambda header, item, variants: item.update(n_words=10**9),
+        lambda header, item, variants: item.update(n_frames=0),
+        lambda header, item, variants: item.update(n_frames=FRAMES),
+        lambda header, item, variants: item.update(n_frames=True),
+        lambda header, item, variants: item.update(tracked=1),
+        lambda header, item, variants: item.update(bit_threshold=1.0),
+        lambda header, item, variants: item.update(bit_threshold=float("nan")),
+        lambda header, item, variants: item.update(variants=[]),
+        lambda header, item, variants: item.update(variants=variants * 200),
+        lambda header, item, variants: variants[0].update(log_belief=0.1),
+        lambda header, item, variants: variants[0].update(log_belief=0.0),
+        lambda header, item, variants: variants[0].update(log_belief=float("-inf")),
+        lambda header, item, variants: variants[0].update(restored=-1),
+        lambda header, item, variants: variants[0].update(shape=[3, 4]),
+        lambda header, item, variants: variants[0].update(shape=[3, 4, 0]),
+        lambda header, item, variants: variants[0].update(shape=[2**16, 2**12, 2**12]),
+        lambda header, item, variants: variants[0].update(shape=[-3, -4, 5]),
+        lambda header, item, variants: variants[0].update(placed=False),
     ],
 )
 def test_headers_that_make_no_sense_are_refused(stored, tmp_path, change) -> None:
@@ -294,31 +296,33 @@ def test_what_claims_to_be_large_is_refused_before_there_is_room_for_it(stored, 
 
 
 def of_one_strand(stored, **changed) -> StoredEvidence:
-    strand = replace(stored.items[0].strands[0], log_belief=0.0, **changed)
-    return replace(stored, items=(replace(stored.items[0], strands=(strand,)),))
+    variant = replace(stored.items[0].variants[0], log_belief=0.0, **changed)
+    return replace(stored, items=(replace(stored.items[0], variants=(variant,)),))
 
 
 def with_placements(stored, change) -> StoredEvidence:
-    old = stored.items[0].strands[0]
-    frames = [replace(f, placement=change(f.placement)) for f in old.frames]
+    old = stored.items[0].variants[0]
+    frames = [replace(f, posterior=change(f.posterior)) for f in old.frames]
     return of_one_strand(stored, frames=tuple(frames))
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda s: replace(s, items=(replace(s.items[0], strands=s.items[0].strands * 2),)),
+        lambda s: replace(s, items=(replace(s.items[0], variants=s.items[0].variants * 2),)),
         lambda s: of_one_strand(s, log_prior=np.log([0.5, 0.5, 0.5])),
         lambda s: of_one_strand(s, log_prior=np.array([-1.0, np.nan, -2.0])),
         lambda s: of_one_strand(s, log_prior=np.array([-1.0, -np.inf, -2.0])),
         lambda s: of_one_strand(s, log_prior=np.array([1e-3, -9.0, -9.0])),
         lambda s: replace(s, items=(replace(s.items[0], times=np.array([1.0, np.inf])),)),
-        lambda s: with_placements(s, lambda p: replace(p, place=p.place + 8.0)),
-        lambda s: with_placements(s, lambda p: replace(p, place=p.place - 8.0)),
-        lambda s: with_placements(s, lambda p: replace(p, place=np.full_like(p.place, np.inf))),
-        lambda s: with_placements(s, lambda p: replace(p, doubt=p.doubt * 0.0)),
-        lambda s: with_placements(s, lambda p: replace(p, doubt=p.doubt + 1.0)),
-        lambda s: with_placements(s, lambda p: replace(p, doubt=p.doubt * np.nan)),
+        lambda s: with_placements(s, lambda p: replace(p, position=p.position + 8.0)),
+        lambda s: with_placements(s, lambda p: replace(p, position=p.position - 8.0)),
+        lambda s: with_placements(
+            s, lambda p: replace(p, position=np.full_like(p.position, np.inf))
+        ),
+        lambda s: with_placements(s, lambda p: replace(p, p_null=p.p_null * 0.0)),
+        lambda s: with_placements(s, lambda p: replace(p, p_null=p.p_null + 1.0)),
+        lambda s: with_placements(s, lambda p: replace(p, p_null=p.p_null * np.nan)),
     ],
 )
 def test_beliefs_that_are_none_are_refused(stored, tmp_path, change) -> None:
@@ -331,9 +335,9 @@ def test_beliefs_that_are_none_are_refused(stored, tmp_path, change) -> None:
 
 
 def test_ten_thousand_strands_of_nothing_are_no_evidence(stored, tmp_path) -> None:
-    nothing = Strand.of(np.zeros((2, 1, 1, 5)), np.zeros(1), placements=placements(1, 1))
+    nothing = RestoredVariant.of(np.zeros((2, 1, 1, 5)), np.zeros(1), posteriors=posteriors(1, 1))
     for n in (2, 200, 10_000):
-        item = replace(stored.items[0], strands=(nothing,) * n)
+        item = replace(stored.items[0], variants=(nothing,) * n)
         save_evidence(replace(stored, items=(item,)), tmp_path / "e")
         with pytest.raises(InputError, match="not an evidence file"):
             load_evidence(tmp_path / "e")

@@ -17,10 +17,10 @@ from meshmark.detection.hypothesis_test import judge
 from meshmark.detection.looks import LOOKS, verify_in_looks
 from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
-from meshmark.extension.carrier import Sighting
+from meshmark.extension.carrier import Observation
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 from meshmark.testing.meshes import icosphere
 
 KEY = Key(bytes(range(32)))
@@ -39,12 +39,12 @@ class Oracle:
     n_chips = K
     n_words = M
 
-    def sight(self, frame, reference=None) -> Sighting:
+    def observe(self, frame, reference=None) -> Observation:
         self.seen.append((frame.time, frame.points.tobytes()))
         if frame.time not in self.given:
             raise CapacityError("nothing is seen")
         soft = self.given[frame.time]
-        return Sighting(soft[None], np.zeros(1), np.zeros((M, 1)), np.arange(M))
+        return Observation(soft[None], np.zeros(1), np.zeros((M, 1)), np.arange(M))
 
     def require_capacity(self, animation, *, jobs) -> None:
         raise NotImplementedError
@@ -115,14 +115,14 @@ def test_looks_that_grew_show_what_one_look_shows() -> None:
         found = view.look(frames)
     at_once = extract(still(6), scheme, NAME)
     np.testing.assert_array_equal(found.times, at_once.times)
-    for one, two in zip(found.strands, at_once.strands, strict=True):
+    for one, two in zip(found.variants, at_once.variants, strict=True):
         assert (one.restored, one.log_belief) == (two.restored, two.log_belief)
         for frame, wanted in zip(one.frames, two.frames, strict=True):
             np.testing.assert_array_equal(frame.steps, wanted.steps)
     assert set(grown.seen) == set(scheme.seen)
 
 
-PLACED = Placement(np.arange(2.0, 2.0 + M)[None], np.full(M, 0.1))
+PLACED = WordPosterior(np.arange(2.0, 2.0 + M)[None], np.full(M, 0.1))
 
 
 @dataclass
@@ -131,23 +131,23 @@ class Turning(Oracle):
 
     n_words = 16
 
-    def sight(self, frame, reference=None) -> Sighting:
+    def observe(self, frame, reference=None) -> Observation:
         order = np.arange(M)[:: -1 if frame.time == 1.0 else 1]
-        own = super().sight(frame)
-        placed = Placement(PLACED.place[:, order], PLACED.doubt)
-        return replace(own, soft=own.soft[:, order], vertices=order, placement=placed)
+        own = super().observe(frame)
+        placed = WordPosterior(PLACED.position[:, order], PLACED.p_null)
+        return replace(own, soft=own.soft[:, order], vertices=order, posterior=placed)
 
 
 def test_what_is_kept_of_a_frame_is_what_it_is_judged_by() -> None:
     scheme = Turning(noise_at(range(4)).given)
     view = Extraction(still(4), scheme, NAME)
     frames = range(4)
-    for strand in view.look(frames).strands:
+    for variant in view.look(frames).variants:
         wanted = np.array([in_steps(scheme.given[float(t)][None]) for t in frames])
-        for t, frame in enumerate(strand.frames):
+        for t, frame in enumerate(variant.frames):
             assert frame.steps.dtype == np.int8
             np.testing.assert_array_equal(frame.steps, wanted[t])
-            np.testing.assert_array_equal(frame.placement.place, PLACED.place)
+            np.testing.assert_array_equal(frame.posterior.position, PLACED.position)
 
 
 @dataclass
@@ -156,12 +156,12 @@ class Wide(Oracle):
 
     n_words = 16
 
-    def sight(self, frame, reference=None) -> Sighting:
+    def observe(self, frame, reference=None) -> Observation:
         rng = np.random.default_rng(int(frame.time))
-        where = Placement(np.tile(PLACED.place, (READINGS, 1)), PLACED.doubt)
+        where = WordPosterior(np.tile(PLACED.position, (READINGS, 1)), PLACED.p_null)
         prior = np.full(READINGS, -np.log(READINGS))
         soft = rng.uniform(-1, 1, size=(READINGS, M, K))
-        return Sighting(soft, prior, np.zeros((M, 1)), np.arange(M), where)
+        return Observation(soft, prior, np.zeros((M, 1)), np.arange(M), where)
 
 
 READINGS = 128
@@ -178,7 +178,7 @@ def peak_of_looking(n_frames: int) -> int:
 
 
 def test_looking_at_many_frames_takes_hardly_more_memory_than_few(monkeypatch) -> None:
-    monkeypatch.setattr("meshmark.workers.spool.ROOM", 1)
+    monkeypatch.setattr("meshmark.workers.disk_list.ROOM", 1)
     more = (peak_of_looking(30) - peak_of_looking(6)) / 24
     # Three times 8 kB of evidence and 4 kB of places are kept of each frame, on disk.
     assert more < 9_000
@@ -189,16 +189,18 @@ def test_what_may_have_been_done_to_a_copy_shares_one_belief(restorations) -> No
     scheme = noise_at([0])
     scheme.restorations = restorations
     whole = extract(still(1), scheme, NAME)
-    assert [strand.restored for strand in whole.strands] == list(restorations)
-    assert logsumexp([strand.log_belief for strand in whole.strands]) == pytest.approx(0, abs=1e-12)
+    assert [variant.restored for variant in whole.variants] == list(restorations)
+    assert logsumexp([variant.log_belief for variant in whole.variants]) == pytest.approx(
+        0, abs=1e-12
+    )
     # A look that leaves restorations out may not believe more in what it looks at.
-    [plain] = Extraction(still(1), scheme, NAME).look([0], (0,)).strands
-    assert plain.log_belief == whole.strands[0].log_belief
+    [plain] = Extraction(still(1), scheme, NAME).look([0], (0,)).variants
+    assert plain.log_belief == whole.variants[0].log_belief
 
 
 def test_a_frame_without_carriers_is_silent() -> None:
     evidence = extract(still(3), noise_at([0, 2]), NAME)
-    assert [bool(np.any(steps)) for steps in evidence.strands[0].reading(0)] == [True, False, True]
+    assert [bool(np.any(steps)) for steps in evidence.variants[0].reading(0)] == [True, False, True]
 
 
 def test_no_carriers_at_all_name_the_mesh() -> None:

@@ -5,14 +5,14 @@ import os
 import numpy as np
 import pytest
 
-from meshmark.detection.evidence import Evidence, Strand
+from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.gathering import AssetEvidence
 from meshmark.detection.verdict import decide
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
 from meshmark.recipients import LONGEST, name_or_file, read_names, recipient_name, spellings
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 
 KEY = Key(bytes(range(32)))
 COMPOSED, DECOMPOSED = "Andr\u00e9", "Andre\u0301"
@@ -106,9 +106,11 @@ def test_files_without_end_are_refused(tmp_path) -> None:
 @pytest.mark.parametrize("marked", [COMPOSED, DECOMPOSED, f" {COMPOSED}"])
 def test_marks_of_older_forms_are_found_and_paid_for(marked) -> None:
     words = KEY.words("apex", 8, 16, marked)
-    where = Placement(np.arange(8.0)[None], np.full(8, 0.1))
-    strand = Strand.of(0.9 * words[None, None].astype(float), np.zeros(1), placements=(where,))
-    item = Evidence("/A", "apex", 8, np.zeros(1), (strand,))
+    where = WordPosterior(np.arange(8.0)[None], np.full(8, 0.1))
+    variant = RestoredVariant.of(
+        0.9 * words[None, None].astype(float), np.zeros(1), posteriors=(where,)
+    )
+    item = Evidence("/A", "apex", 8, np.zeros(1), (variant,))
     found = AssetEvidence("a", (item,), 1, (), 0.0)
     verdict = judge_all(found, KEY, recipients=[marked])
     assert (verdict.verdict, verdict.recipient) == ("marked", marked)

@@ -7,36 +7,36 @@ from itertools import product
 import numpy as np
 import pytest
 
-from meshmark.statistics import placed_words
+from meshmark.statistics import window_mean
 from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
 from meshmark.statistics.word_windows import (
     SHIFT_BELIEF,
     SHIFTS,
     WINDOW,
-    Placement,
     Windows,
+    WordPosterior,
     together,
 )
 
 M = 20
 
 
-def placement(place, doubt=0.2) -> Placement:
+def posterior(place, p_null=0.2) -> WordPosterior:
     place = np.atleast_2d(np.array(place, dtype=float))
-    return Placement(place, np.full(place.shape[1], doubt))
+    return WordPosterior(place, np.full(place.shape[1], p_null))
 
 
 def brute_mean(windows, e, shift, reading) -> float:
     """Average over every way to give carriers words, written out."""
     total = ways = 0.0
-    first, doubt = windows.first[reading], windows.doubt[reading]
+    first, p_null = windows.first[reading], windows.p_null[reading]
     for way in product([None, *range(WINDOW)], repeat=len(first)):
         words = [first[c] + w for c, w in enumerate(way) if w is not None]
         if len(set(words)) < len(words):
             continue
         belief = value = 1.0
         for c, w in enumerate(way):
-            belief *= doubt[c] if w is None else windows.belief[shift, reading, c, w]
+            belief *= p_null[c] if w is None else windows.belief[shift, reading, c, w]
             value *= 1.0 if w is None else e[c, w]
         ways += belief
         total += belief * value
@@ -48,7 +48,7 @@ def brute_mean(windows, e, shift, reading) -> float:
 )
 def test_the_mean_is_over_all_ways_in_which_no_word_is_held_twice(places) -> None:
     rng = np.random.default_rng(0)
-    windows = placement([places, places[::-1]]).windows(M)
+    windows = posterior([places, places[::-1]]).windows(M)
     e = np.exp(rng.normal(size=(5, len(places), WINDOW)))
     shift, reading = np.array([3, 1, 0, 1, 0]), np.array([0, 1, 0, 1, 1])
     found = windows.log_mean(e, shift, reading)
@@ -57,22 +57,22 @@ def test_the_mean_is_over_all_ways_in_which_no_word_is_held_twice(places) -> Non
 
 
 def test_beliefs_sum_to_one_and_fall_with_the_distance_from_the_place() -> None:
-    windows = placement([0.3, 9.8, 19.0, np.nan]).windows(M)
-    sums = windows.belief.sum(axis=-1) + windows.doubt
+    windows = posterior([0.3, 9.8, 19.0, np.nan]).windows(M)
+    sums = windows.belief.sum(axis=-1) + windows.p_null
     np.testing.assert_allclose(sums, 1.0)
     assert windows.first.min() >= 0
     assert windows.first.max() <= M - WINDOW
     near = windows.first[0, 1] + np.argsort(-windows.belief[0, 0, 1])[:2]
     assert near.tolist() == [10, 9]
     # Nobody knows where the last one stands: it holds nothing.
-    assert windows.doubt[0, 3] == 1.0
+    assert windows.p_null[0, 3] == 1.0
     assert not windows.belief[:, 0, 3].any()
     assert SHIFT_BELIEF.sum() == pytest.approx(1.0)
     assert (SHIFTS[0], SHIFT_BELIEF.argmax()) == (0.0, 0)
 
 
 def test_a_shift_moves_all_carriers_alike() -> None:
-    windows = placement([6.0, 12.0]).windows(M)
+    windows = posterior([6.0, 12.0]).windows(M)
     up = int(np.flatnonzero(SHIFTS == 1.0)[0])
     assert (windows.first + windows.belief[0, 0].argmax(axis=-1)).tolist() == [[6, 12]]
     assert (windows.first + windows.belief[up, 0].argmax(axis=-1)).tolist() == [[7, 13]]
@@ -83,7 +83,7 @@ def test_a_word_where_it_is_expected_is_worth_more_than_elsewhere() -> None:
     words = 2 * rng.integers(0, 2, size=(M, 16)) - 1
     S = 0.9 * words[[4, 9, 15]][None].astype(float)
     scores = [
-        log10_p_words(S, words, placement=placement(places))
+        log10_p_words(S, words, posterior=posterior(places))
         for places in ([4.1, 9.2, 14.8], [5.8, 11.0, 16.9], [9.0, 15.0, 4.0])
     ]
     assert scores[0] < scores[1] < scores[2]
@@ -96,7 +96,7 @@ def test_p_is_honest_where_words_have_places() -> None:
     rng = np.random.default_rng(2)
     words = 2 * rng.integers(0, 2, size=(n, M, 12)) - 1
     S = np.clip(rng.normal(size=(2, 4, 12)), -1, 1)
-    where = placement([[3.0, 3.1, 3.2, 12.0], [3.0, 4.0, 5.0, 6.0]], doubt=0.1)
+    where = posterior([[3.0, 3.1, 3.2, 12.0], [3.0, 4.0, 5.0, 6.0]], p_null=0.1)
     log_e = word_log_e_means(S, np.log([0.7, 0.3]), words, where)
     assert np.exp(log_e).mean() < 1.0 + 5.0 * np.exp(log_e).std() / np.sqrt(n)
     for alpha in (0.5, 0.1, 0.01):
@@ -115,7 +115,7 @@ def test_p_is_honest_where_words_have_places() -> None:
 def test_the_best_of_keys_reaches_what_is_foretold(places, held) -> None:
     rng = np.random.default_rng(3)
     words = 2 * rng.integers(0, 2, size=(M, 14)) - 1
-    where = placement(places, doubt=0.1)
+    where = posterior(places, p_null=0.1)
     S = words[held][None].astype(float)
     foretold = reachable_log10_p(np.ones((4, 14), dtype=bool), M, 0.0, where)
     found = log10_p_words(S, words, np.zeros(1), where)
@@ -134,18 +134,18 @@ def test_readings_told_apart_in_single_precision_are_the_right_ones(
     S[20:40] = S[20] * (1.0 + 1e-9 * rng.normal(size=(20, 1, 1)))
     words = rng.choice([-1, 1], size=(30, 24, n_chips))
     S[50] = loud * words[0, 3:8]
-    where = Placement(rng.uniform(0.0, 23.0, size=(60, 5)), rng.uniform(0.1, 0.9, size=5))
-    where.place[7, 2] = np.nan
+    where = WordPosterior(rng.uniform(0.0, 23.0, size=(60, 5)), rng.uniform(0.1, 0.9, size=5))
+    where.position[7, 2] = np.nan
     prior = np.log(rng.dirichlet(np.ones(60)))
     found = word_log_e_means(S, prior, words, where)
-    monkeypatch.setattr(placed_words, "SINGLE_CHIPS", 0)
+    monkeypatch.setattr(window_mean, "SINGLE_CHIPS", 0)
     np.testing.assert_allclose(found, word_log_e_means(S, prior, words, where), rtol=0, atol=1e-10)
 
 
 def test_most_readings_are_looked_at_in_single_precision_only(monkeypatch) -> None:
     rng = np.random.default_rng(5)
     S, words = rng.uniform(-1, 1, size=(200, 5, 16)), rng.choice([-1, 1], size=(40, 24, 16))
-    where = Placement(rng.uniform(0.0, 23.0, size=(200, 5)), np.full(5, 0.2))
+    where = WordPosterior(rng.uniform(0.0, 23.0, size=(200, 5)), np.full(5, 0.2))
     seen = []
     exact = Windows.scores_under
 
@@ -159,8 +159,8 @@ def test_most_readings_are_looked_at_in_single_precision_only(monkeypatch) -> No
 
 
 def test_frames_say_together_what_most_of_them_say() -> None:
-    each = [placement([2.0, 5.0, np.nan], doubt) for doubt in (0.1, 0.1, 0.4)]
-    each[2].place[:] = [[9.0, np.nan, np.nan]]
+    each = [posterior([2.0, 5.0, np.nan], p_null) for p_null in (0.1, 0.1, 0.4)]
+    each[2].position[:] = [[9.0, np.nan, np.nan]]
     found = together(each)
-    np.testing.assert_array_equal(found.place, [[2.0, 5.0, np.nan]])
-    np.testing.assert_allclose(found.doubt, [0.2, 0.1, 1.0])
+    np.testing.assert_array_equal(found.position, [[2.0, 5.0, np.nan]])
+    np.testing.assert_allclose(found.p_null, [0.2, 0.1, 1.0])

@@ -68,7 +68,7 @@ def test_norms_are_binned_evenly_and_normalised_by_what_is_in_the_bin() -> None:
     np.testing.assert_allclose(made.centre, [5, 6, 7])
     np.testing.assert_allclose(made.norm[::4], radii)
     assert made.bins[::4].tolist() == [0, 0, 0, -1, 3, 3, 3]
-    np.testing.assert_allclose(made.place[::4], [0, 0.25, 1, 0, 0, 0.25, 1], atol=1e-12)
+    np.testing.assert_allclose(made.bin_fraction[::4], [0, 0.25, 1, 0, 0, 0.25, 1], atol=1e-12)
     np.testing.assert_allclose(made.width, [0.4, 0, 0, 0.4], atol=1e-12)
     chips = measure([made])
     assert chips.held.tolist() == [[True, False, False, True]]
@@ -90,7 +90,7 @@ def test_a_move_shifts_means_by_what_is_asked_along_rays_from_the_centre() -> No
     np.testing.assert_array_equal(points[still], frame.points[still])
     order = np.argsort(carriers[0].norm)
     assert np.diff(np.linalg.norm(points[order], axis=1)).min() > -1e-12
-    ends = np.isin(carriers[0].place, [0.0, 1.0])
+    ends = np.isin(carriers[0].bin_fraction, [0.0, 1.0])
     np.testing.assert_array_equal(points[ends], frame.points[ends])
 
 

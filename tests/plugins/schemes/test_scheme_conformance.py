@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.extension.carrier import Sighting
+from meshmark.extension.carrier import Observation
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 from meshmark.extension.interfaces import JointScheme
 from meshmark.extension.recipe import Recipe, SolverFactory
@@ -80,23 +80,23 @@ def test_the_suite_sees_a_mark_that_cannot_be_found() -> None:
 
 
 def seeing(look) -> JointScheme:
-    """Return apex with its sightings of a frame changed."""
+    """Return apex with its observations of a frame changed."""
     scheme = Recipe("apex").build()
-    sight = scheme.sight
-    scheme.sight = lambda frame, reference=None: look(sight(frame, reference), frame)
+    observe = scheme.observe
+    scheme.observe = lambda frame, reference=None: look(observe(frame, reference), frame)
     return scheme
 
 
-def overconfident(sighting, frame) -> Sighting:
-    return replace(sighting, log_prior=sighting.log_prior + 0.01)
+def overconfident(observation, frame) -> Observation:
+    return replace(observation, log_prior=observation.log_prior + 0.01)
 
 
-def listening_to_order(sighting, frame) -> Sighting:
-    return replace(sighting, soft=sighting.soft * np.cos(frame.faces[0, 0]))
+def listening_to_order(observation, frame) -> Observation:
+    return replace(observation, soft=observation.soft * np.cos(frame.faces[0, 0]))
 
 
-def listening_to_place(sighting, frame) -> Sighting:
-    return replace(sighting, soft=sighting.soft * np.cos(frame.points[0, 0]))
+def listening_to_place(observation, frame) -> Observation:
+    return replace(observation, soft=observation.soft * np.cos(frame.points[0, 0]))
 
 
 def test_the_joint_suite_sees_evidence_that_is_not_of_the_shape_alone() -> None:
@@ -125,7 +125,7 @@ def test_the_joint_suite_sees_a_mark_that_cannot_be_found() -> None:
 def test_carriers_may_stand_in_another_order_but_not_elsewhere() -> None:
     rng = np.random.default_rng(0)
     soft, order = rng.uniform(-1, 1, size=(2, 4, 5)), np.array([2, 0, 3, 1])
-    one = Sighting(soft, np.log([0.6, 0.4]), rng.normal(size=(4, 2)), np.array([7, 3, 0, 5]))
+    one = Observation(soft, np.log([0.6, 0.4]), rng.normal(size=(4, 2)), np.array([7, 3, 0, 5]))
     two = replace(
         one,
         soft=soft[:, order],

@@ -96,9 +96,11 @@ def test_sets_are_upper_closed_and_the_farthest_vertex_is_in_the_last(tube_frame
         inside = carrier.bins >= 0
         assert carrier.distance[inside].max() == pytest.approx(16.0)
         assert carrier.bins[inside].max() == 15
-        assert np.all(carrier.place[inside] > 0)
-        assert np.all(carrier.place[inside] <= 1)
-        np.testing.assert_allclose((carrier.bins + carrier.place)[inside], carrier.distance[inside])
+        assert np.all(carrier.bin_fraction[inside] > 0)
+        assert np.all(carrier.bin_fraction[inside] <= 1)
+        np.testing.assert_allclose(
+            (carrier.bins + carrier.bin_fraction)[inside], carrier.distance[inside]
+        )
 
 
 def test_chips_are_zero_at_the_centre_of_a_set() -> None:

@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.extension.carrier import Sighting
+from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.statistics.word_windows import Placement
+from meshmark.statistics.word_windows import WordPosterior
 from meshmark_plugins.schemes.apex.anchors.components import shared_length
 from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, survey
 from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
-from meshmark_plugins.schemes.apex.anchors.track import LEAST_SEEN, Sightings
+from meshmark_plugins.schemes.apex.anchors.track import LEAST_SEEN, FrameAnchors
 from meshmark_plugins.schemes.apex.chips.hypotheses import (
     CUT_WORTH,
     OFFSETS,
@@ -34,7 +34,7 @@ from meshmark_plugins.schemes.apex.parameters import Tuning
 SPARE = 2
 # Evidence that a bit must exceed: what a chip has at most that a cut runs through, and seven to
 # three in odds, as it is tanh of half their logarithm.
-DECISIVE = CUT_WORTH
+BIT_THRESHOLD = CUT_WORTH
 # Belief that an anchor is a false one: where it stands out as little as those that are not
 # marked, where it does as those that are, and on a border, which a cut may have made. How near to
 # a border that is, in root areas.
@@ -79,14 +79,14 @@ class Apex:
         """Code words, listed by the bulk of the anchors they are for."""
         return N_WORDS
 
-    def sight(self, frame: Frame, reference: Frame | None = None) -> Sighting:
+    def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
         """Find the anchors of a frame, and read the chips about them."""
         K, width = self.tuning.bins, self.tuning.width
         nears = survey(frame.points, frame.faces, LEAST_SEEN, self.tuning.words + SPARE)
         own = nears[0].whole
         whole = own if reference is None else _length_of(reference)
         guesses = Guesses.about(whole)
-        soft, places, doubts = [], [], []
+        soft, places, p_nulls = [], [], []
         for near in nears:
             profiles = profiles_of(near, vertex_weights(near, width), width, cells_needed(K, width))
             scales = guesses.scales(near.unit * (whole / own))
@@ -94,8 +94,8 @@ class Apex:
             soft.append(believed * soften(*measure(profiles, K, scales, OFFSETS)))
             place = place_of(bulk(profiles, width, scales))
             places.append(np.repeat(place, len(OFFSETS), axis=0))
-            doubts.append(doubts_about(near))
-        return Sighting(
+            p_nulls.append(p_null_of(near))
+        return Observation(
             soft=np.concatenate(soft, axis=1),
             log_prior=guesses.log_prior,
             descriptors=np.column_stack(
@@ -105,13 +105,13 @@ class Apex:
                 ]
             ),
             vertices=np.concatenate([near.anchors for near in nears]),
-            placement=Placement(np.concatenate(places, axis=1), np.concatenate(doubts)),
-            decisive=DECISIVE,
+            posterior=WordPosterior(np.concatenate(places, axis=1), np.concatenate(p_nulls)),
+            bit_threshold=BIT_THRESHOLD,
         )
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:
         """Refuse an animation without lasting anchors, or with too few vertices about them."""
-        require_capacity(Sightings(animation, jobs), self.tuning)
+        require_capacity(FrameAnchors(animation, jobs), self.tuning)
 
     def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
@@ -124,9 +124,9 @@ def _length_of(frame: Frame) -> float:
     return shared_length(frame.points, frame.faces)
 
 
-def doubts_about(near: Neighbourhood) -> FloatArray:
+def p_null_of(near: Neighbourhood) -> FloatArray:
     """Believe so much that the anchors of a piece hold no word, (C,)."""
     own = np.searchsorted(near.piece.vertices, near.anchors)
     gap = distance_to_border(near.V, near.piece.faces, own)
-    doubt = np.interp(near.persistence, FLAT, HIGH)
-    return np.where(gap <= ON_BORDER * near.unit, np.maximum(doubt, FALSE_ON_BORDER), doubt)
+    p_null = np.interp(near.persistence, FLAT, HIGH)
+    return np.where(gap <= ON_BORDER * near.unit, np.maximum(p_null, FALSE_ON_BORDER), p_null)

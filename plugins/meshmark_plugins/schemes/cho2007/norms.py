@@ -65,7 +65,7 @@ def bin_norms(V: FloatArray, n_bins: int) -> NormBins:
     return NormBins(
         vertices=np.arange(len(V)),
         bins=np.where(inside, bins, -1),
-        place=place,
+        bin_fraction=place,
         n_bins=n_bins,
         descriptor=np.array([low, high]) / norm.mean(),
         centre=centre,

@@ -92,7 +92,7 @@ class Cho2007:
         (carrier,), (shift,) = carriers, shifts
         assert isinstance(carrier, NormBins)
         moving = np.flatnonzero((carrier.bins >= 0) & (shift[carrier.bins] != 0.0))
-        bins, u = carrier.bins[moving], carrier.place[moving]
+        bins, u = carrier.bins[moving], carrier.bin_fraction[moving]
         target = 0.5 + measure(carriers).value[0] + shift
         k = exponents(u, bins, target)[bins]
         # The extremes of a bin, and with them the bins, stay exactly where they are.

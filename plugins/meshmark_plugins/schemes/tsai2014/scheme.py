@@ -156,7 +156,7 @@ class Tsai2014:
         return PartDistances(
             vertices=part.vertices,
             bins=bins,
-            place=x - bins,
+            bin_fraction=x - bins,
             n_bins=self.n_chips,
             descriptor=np.array([np.sqrt(area), d_max, float(d[part.loop].mean())]) / root_area,
             distance=x,
@@ -202,7 +202,7 @@ class Tsai2014:
         bins = np.where(_movable(part, carrier), carrier.bins, -1)
         wanted = np.where(bins >= 0, shift[bins], 0.0)
         slopes = extreme_neighbours(carrier.distance, part.edges, wanted > 0)
-        room = np.where(wanted > 0, 1.0 - carrier.place, carrier.place) - BIN_MARGIN
+        room = np.where(wanted > 0, 1.0 - carrier.bin_fraction, carrier.bin_fraction) - BIN_MARGIN
         available = np.minimum(self.step * slopes.gain, np.maximum(room, 0.0))
         available[wanted == 0.0] = 0.0
         count = np.bincount(carrier.bins[carrier.bins >= 0], minlength=self.n_chips)

@@ -239,7 +239,7 @@ def test_a_sighting_is_the_same_wherever_and_however_large_and_in_any_order(scal
     rng = np.random.default_rng(2)
     mixed = reordered(moved(V, scale, rng), F, rng)
     one, other = (
-        Apex().sight(Frame(1.0, P, Topology.from_triangles(G, len(P))))
+        Apex().observe(Frame(1.0, P, Topology.from_triangles(G, len(P))))
         for P, G in ((V, F), (mixed.V, mixed.F))
     )
     np.testing.assert_array_equal(mixed.vertex[other.vertices], one.vertices)

@@ -20,7 +20,7 @@ from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, tor
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.components import shared_length
 from meshmark_plugins.schemes.apex.anchors.track import (
-    Sightings,
+    FrameAnchors,
     anchors_in_poses,
     lasting_anchors,
     seen,
@@ -56,7 +56,7 @@ def lasting_horns(heights, most=8):
     """Which horns the lasting anchors are the tips of."""
     animation = horned(heights)
     axes = HORNS / np.linalg.norm(HORNS, axis=1, keepdims=True)
-    tips = animation[0].points[lasting_anchors(Sightings(animation, 1), most)]
+    tips = animation[0].points[lasting_anchors(FrameAnchors(animation, 1), most)]
     return np.argmax(tips @ axes.T, axis=1).tolist()
 
 
@@ -148,11 +148,11 @@ def reading_as_marked(frame):
 def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
     animation = horned(AT_REST)
     frame, scheme = animation[0], Apex()
-    layout = require_capacity(Sightings(animation, 1), scheme.tuning)
+    layout = require_capacity(FrameAnchors(animation, 1), scheme.tuning)
     plan = scheme.plan(animation, WORDS)
     words, reading = WORDS[layout.words], reading_as_marked(frame)
     before, after = (
-        scheme.sight(frame.moved(P)).soft[reading] @ words.T
+        scheme.observe(frame.moved(P)).soft[reading] @ words.T
         for P in (frame.points, plan.mark(0, frame))
     )
     # Of 16 at the very best.
@@ -165,11 +165,11 @@ def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
     # In the last pose, the first horn is gone.
     heights[2, 0] = 0.0
     animation = horned(heights)
-    tips = lasting_anchors(Sightings(horned(AT_REST), 1), 5)
+    tips = lasting_anchors(FrameAnchors(horned(AT_REST), 1), 5)
     # Usual vertices beside the tips.
     V = animation[0].points
     beside = np.linalg.norm(V[tips][:, None] - V, axis=2).argsort(axis=1)[:, 1]
-    found = anchors_in_poses(Sightings(animation, 1), beside, [0, 2])
+    found = anchors_in_poses(FrameAnchors(animation, 1), beside, [0, 2])
     assert sorted(found) == [0, 2]
     np.testing.assert_array_equal(found[0], tips)
     first = int(np.argmax(V[tips] @ HORNS[0]))
@@ -222,7 +222,7 @@ def test_what_one_pose_would_hold_back_is_held_back_in_all(gallop, gallop_plan):
 
 def test_anchors_stay_where_they_are(gallop, gallop_plan):
     length = np.linalg.norm(gallop_plan.at(0).reshape(-1, 3), axis=1)
-    assert length[lasting_anchors(Sightings(gallop, 1), 8)].max() < 1e-4 * length.max()
+    assert length[lasting_anchors(FrameAnchors(gallop, 1), 8)].max() < 1e-4 * length.max()
 
 
 def test_marking_fits_what_was_laid_on_the_surface_to_it(gallop, gallop_plan):
@@ -268,7 +268,7 @@ def test_tips_on_an_open_border_are_left_out():
     animation = MeshAnimation.from_arrays(V[kept], faces.reshape(-1, 3))
     tip = np.flatnonzero(kept == len(V) - 2)
     # The middle of the far tip, a vertex or two beside its pole, and nothing of the rim.
-    [anchor] = lasting_anchors(Sightings(animation, 1), 8)
+    [anchor] = lasting_anchors(FrameAnchors(animation, 1), 8)
     assert np.linalg.norm(V[kept][anchor] - V[kept][tip]) < 0.1
 
 
@@ -303,8 +303,8 @@ PLACES = [53.78, 53.46, 53.77, 53.44, 55.46, 63.09]
 
 
 def test_anchors_and_evidence_of_the_creature(creature):
-    seen, reading = Apex().sight(creature[0]), reading_as_marked(creature[0])
+    seen, reading = Apex().observe(creature[0]), reading_as_marked(creature[0])
     assert seen.vertices.tolist() == [327, 3180, 85, 2694, 0, 6935]
     wanted = np.array(EVIDENCE_IN_PER_CENT.split(), dtype=float).reshape(6, 16)
     np.testing.assert_allclose(100.0 * seen.soft[reading], wanted, atol=0.6)
-    np.testing.assert_allclose(seen.placement.place[reading], PLACES, atol=0.02)
+    np.testing.assert_allclose(seen.posterior.position[reading], PLACES, atol=0.02)

@@ -25,7 +25,7 @@ MOST_SEEN = 12
 FRAMES = 12
 # Share of the frames in which an anchor must be found.
 PRESENT = 0.9
-# How near to each other, in root areas, two sightings of one anchor are.
+# How near to each other, in root areas, two frame_anchors of one anchor are.
 NEAR = 0.05
 # A tip this near to a border would be one of the border's, which a crop moves.
 CLEAR_OF_BORDER = 0.02
@@ -33,7 +33,7 @@ CLEAR_OF_BORDER = 0.02
 TRIAL = 10
 
 
-class Sightings:
+class FrameAnchors:
     """The anchors seen in frames of an animation; no frame is looked at twice.
 
     Parameters
@@ -78,12 +78,12 @@ def seen(V: FloatArray, F: IntArray) -> tuple[IntArray, FloatArray]:
     return vertices, np.concatenate([one.maxima.persistence for one in looks])
 
 
-def lasting_anchors(sightings: Sightings, most: int) -> IntArray:
+def lasting_anchors(frame_anchors: FrameAnchors, most: int) -> IntArray:
     """Find the anchors worth marking.
 
     Parameters
     ----------
-    sightings : Sightings
+    frame_anchors : FrameAnchors
         Of the animation.
     most : int
         Most anchors to return.
@@ -98,13 +98,13 @@ def lasting_anchors(sightings: Sightings, most: int) -> IntArray:
     CapacityError
         If none is left, with the reason.
     """
-    animation = sightings.animation
+    animation = frame_anchors.animation
     count = min(FRAMES, len(animation))
     chosen = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
     first = animation[0]
     V, F = first.points, first.faces
     near = NEAR * float(np.sqrt(face_areas(V, F).sum()))
-    vertices, persistence, share = _clusters(V, sightings.of(chosen.tolist()), near)
+    vertices, persistence, share = _clusters(V, frame_anchors.of(chosen.tolist()), near)
     if not np.any(persistence >= LEAST_MARKED):
         raise CapacityError(
             "nothing sticks out of the mesh far enough to measure from; a mark needs tips such "
@@ -124,7 +124,7 @@ def lasting_anchors(sightings: Sightings, most: int) -> IntArray:
 
 
 def anchors_in_poses(
-    sightings: Sightings, anchors: IntArray, frames: Sequence[int]
+    frame_anchors: FrameAnchors, anchors: IntArray, frames: Sequence[int]
 ) -> dict[int, IntArray]:
     """Find where anchors are seen in each of some poses.
 
@@ -133,7 +133,7 @@ def anchors_in_poses(
 
     Parameters
     ----------
-    sightings : Sightings
+    frame_anchors : FrameAnchors
         Of the animation.
     anchors : (C,) int
         Vertices where anchors usually are.
@@ -145,10 +145,10 @@ def anchors_in_poses(
     dict of (C,) int
         Vertices, by frame; the usual one where an anchor is not seen.
     """
-    first = sightings.animation[0]
+    first = frame_anchors.animation[0]
     near = NEAR * float(np.sqrt(face_areas(first.points, first.faces).sum()))
     found = {}
-    for t, (vertices, _) in zip(frames, sightings.of(frames), strict=True):
+    for t, (vertices, _) in zip(frames, frame_anchors.of(frames), strict=True):
         gaps = cdist(first.points[anchors], first.points[vertices])
         own, theirs = linear_sum_assignment(np.minimum(gaps, 2.0 * near))
         is_near = gaps[own, theirs] <= near
@@ -158,21 +158,21 @@ def anchors_in_poses(
 
 
 def _clusters(
-    V: FloatArray, sightings: list[tuple[IntArray, FloatArray]], near: float
+    V: FloatArray, frame_anchors: list[tuple[IntArray, FloatArray]], near: float
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Gather sightings that lie near each other on one frame.
+    """Gather frame_anchors that lie near each other on one frame.
 
     Returns
     -------
     vertices : (m,) int
         The vertex of each cluster that the others are nearest to.
     persistence : (m,) float64
-        Median over its sightings.
+        Median over its frame_anchors.
     share : (m,) float64
         Share of the frames it was seen in.
     """
     members: list[list[tuple[int, float]]] = []
-    for vertices, persistence in sightings:
+    for vertices, persistence in frame_anchors:
         for vertex, height in zip(vertices.tolist(), persistence.tolist(), strict=True):
             gaps = [float(np.linalg.norm(V[vertex] - V[group[0][0]])) for group in members]
             if gaps and min(gaps) <= near:
@@ -182,7 +182,7 @@ def _clusters(
     return (
         np.array([_medoid(V, [vertex for vertex, _ in group]) for group in members], dtype=int),
         np.array([np.median([height for _, height in group]) for group in members]),
-        np.array([len(group) / len(sightings) for group in members]),
+        np.array([len(group) / len(frame_anchors) for group in members]),
     )
 
 

@@ -15,7 +15,11 @@ from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
 from meshmark.workers.scratch import ScratchFile
 from meshmark_plugins.schemes.apex.anchors.detect import measure_from
-from meshmark_plugins.schemes.apex.anchors.track import Sightings, anchors_in_poses, lasting_anchors
+from meshmark_plugins.schemes.apex.anchors.track import (
+    FrameAnchors,
+    anchors_in_poses,
+    lasting_anchors,
+)
 from meshmark_plugins.schemes.apex.marking.anchor_words import Layout, lay_out
 from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
 from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keys
@@ -77,7 +81,7 @@ class SurfacePlan:
         return self.scale * self.displacements.read(j).ravel()
 
 
-def require_capacity(sightings: Sightings, tuning: Tuning) -> Layout:
+def require_capacity(frame_anchors: FrameAnchors, tuning: Tuning) -> Layout:
     """Find the anchors to be marked, and how.
 
     Raises
@@ -85,9 +89,9 @@ def require_capacity(sightings: Sightings, tuning: Tuning) -> Layout:
     CapacityError
         If they cannot hold a mark, with the reason and what to do.
     """
-    animation = sightings.animation
-    anchors = lasting_anchors(sightings, tuning.words)
-    layout = lay_out(animation, anchors, tuning, sightings.jobs)
+    animation = frame_anchors.animation
+    anchors = lasting_anchors(frame_anchors, tuning.words)
+    layout = lay_out(animation, anchors, tuning, frame_anchors.jobs)
     first = animation[0]
     held = held_chips(first.points, first.faces, layout, tuning)
     if held < FEWEST_CHIPS:
@@ -109,13 +113,13 @@ def plan_animation(
     CapacityError
         If it cannot hold one, with the reason and what to do.
     """
-    sightings = Sightings(animation, jobs)
-    layout = require_capacity(sightings, tuning)
+    frame_anchors = FrameAnchors(animation, jobs)
+    layout = require_capacity(frame_anchors, tuning)
     first = animation[0]
     cover = Cover(first.points, first.faces)
     keys = key_frames(len(animation), tuning.hold)
     posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
-    anchors = anchors_in_poses(sightings, layout.anchors, sorted(set().union(*posed)))
+    anchors = anchors_in_poses(frame_anchors, layout.anchors, sorted(set().union(*posed)))
     ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
     guards = measure_from(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
     with Workers(ask, min(jobs, len(animation))) as workers:

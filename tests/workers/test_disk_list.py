@@ -5,43 +5,43 @@ import pickle
 import numpy as np
 import pytest
 
-from meshmark.detection.evidence import Made
+from meshmark.detection.evidence import LazySequence
 from meshmark.errors import OutputError
-from meshmark.workers.spool import Spool
+from meshmark.workers.disk_list import DiskList
 
 
 @pytest.mark.parametrize("room", [1, 1 << 20], ids=["on disk", "in memory"])
 def test_things_come_back_by_their_numbers(room) -> None:
-    spool: Spool[np.ndarray | None] = Spool(room)
+    disk_list: DiskList[np.ndarray | None] = DiskList(room)
     things = [np.arange(n) for n in range(40)]
-    assert [spool.add(thing) for thing in things] == list(range(40))
-    assert spool.add(None) == 40
-    assert len(spool) == 41
+    assert [disk_list.add(thing) for thing in things] == list(range(40))
+    assert disk_list.add(None) == 40
+    assert len(disk_list) == 41
     for number in (39, 0, 17):
-        np.testing.assert_array_equal(spool[number], things[number])
-    assert spool[40] is None
+        np.testing.assert_array_equal(disk_list[number], things[number])
+    assert disk_list[40] is None
     # Reading does not put later ones out of place.
-    assert spool.add(things[3]) == 41
-    np.testing.assert_array_equal(spool[41], things[3])
+    assert disk_list.add(things[3]) == 41
+    np.testing.assert_array_equal(disk_list[41], things[3])
 
 
 def test_a_full_disk_is_told_of(monkeypatch) -> None:
-    spool: Spool[bytes] = Spool(1)
+    disk_list: DiskList[bytes] = DiskList(1)
 
     def refuse(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spool._file, "write", refuse)
+    monkeypatch.setattr(disk_list._file, "write", refuse)
     with pytest.raises(OutputError, match="No space left"):
-        spool.add(b"x")
+        disk_list.add(b"x")
     monkeypatch.undo()
-    assert spool.add(b"y") == 0
-    assert spool[0] == b"y"
+    assert disk_list.add(b"y") == 0
+    assert disk_list[0] == b"y"
 
 
 def test_items_are_made_when_they_are_asked_for() -> None:
     made: list[int] = []
-    squares = Made(lambda i: made.append(i) or i * i, 5)
+    squares = LazySequence(lambda i: made.append(i) or i * i, 5)
     assert (len(squares), made) == (5, [])
     assert (squares[2], squares[-1]) == (4, 16)
     assert made == [2, 4]

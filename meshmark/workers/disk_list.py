@@ -16,10 +16,10 @@ Thing = TypeVar("Thing")
 ROOM = 1 << 22  # bytes
 
 
-class Spool(Generic[Thing]):
+class DiskList(Generic[Thing]):
     """Things that are written to a temporary file one by one, and read when asked for.
 
-    The file has no name, and is gone with the spool or its process. It has one place to read and
+    The file has no name, and is gone with the list or its process. It has one place to read and
     write at: not for several threads at a time.
 
     Parameters

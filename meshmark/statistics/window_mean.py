@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from meshmark.arrays import FloatArray, IntArray, SignArray
-from meshmark.statistics.e_values import LOST, PROMISING, TILTS, e_values, most_promising
+from meshmark.statistics.e_values import LIKELIEST, LOST, TILTS, e_values, likeliest
 from meshmark.statistics.word_windows import SHIFT_BELIEF, Windows
 
 # Readings are first compared at every other tilt.
@@ -15,7 +15,7 @@ EVERY = 2
 SINGLE_CHIPS, SINGLE_ERROR = 96, 0.02
 
 
-def mean_of_placed(
+def mean_over_windows(
     S: FloatArray,
     words: SignArray,
     log_null: FloatArray,
@@ -47,13 +47,13 @@ def mean_of_placed(
     listed = _worth_a_look(S, words, log_null, log_prior, windows)
     score = windows.scores_under(S, words, listed)
     promised = _promises_under(score, log_null, log_prior, windows, listed)
-    best = most_promising(promised)[0]
+    best = likeliest(promised)[0]
     reading, score = listed[rows, best], score[rows, best]
     e = e_values(score[:, :, None], log_null[reading], TILTS)
     log_belief = log_prior[reading][:, None, :, None] - np.log(len(TILTS))
     log_belief = log_belief + np.log(SHIFT_BELIEF)[:, None, None]
     promise = windows.promise(e, reading) + log_belief
-    shift, place, tilt = most_promising(promise)
+    shift, place, tilt = likeliest(promise)
     picked = e[rows, place, tilt].reshape(-1, *score.shape[2:])
     log_means = windows.log_mean(picked, shift.ravel(), reading[rows, place].ravel())
     found = log_means.reshape(shift.shape) + log_belief[rows, shift, place, 0]
@@ -69,13 +69,13 @@ def promises(
 ) -> FloatArray:
     """Estimate what each reading adds to the mean of e-values, (n, R), in logarithms.
 
-    Parameters are those of `mean_of_placed`. Words may be held twice here, which is quicker, and
+    Parameters are those of `mean_over_windows`. Words may be held twice here, which is quicker, and
     enough to tell readings apart.
     """
     score = windows.scores(S, words)
     belief = windows.blurred.transpose(1, 0, 2)
     weight = ((1.0 - LOST) * belief).astype(S.dtype)
-    nothing = (LOST * belief.sum(axis=-1) + windows.doubt.T)[..., None].astype(S.dtype)
+    nothing = (LOST * belief.sum(axis=-1) + windows.p_null.T)[..., None].astype(S.dtype)
     best = np.full((len(S), len(words)), -np.inf, S.dtype)
     for t in range(0, len(TILTS), EVERY):
         e = score * S.dtype.type(TILTS[t])
@@ -98,10 +98,10 @@ def _worth_a_look(
     Told from single precision, in which most of the time would be spent otherwise.
     """
     R, _, K = S.shape
-    if R <= PROMISING or K > SINGLE_CHIPS:
+    if R <= LIKELIEST or K > SINGLE_CHIPS:
         return np.broadcast_to(np.arange(R), (len(words), R))
     promised = promises(S.astype(np.float32), words, log_null, log_prior, windows)
-    least = np.partition(promised, -PROMISING, axis=-1)[:, -PROMISING, None]
+    least = np.partition(promised, -LIKELIEST, axis=-1)[:, -LIKELIEST, None]
     size = int((promised >= least - SINGLE_ERROR).sum(axis=-1).max())
     chosen = np.argpartition(-promised, size - 1, axis=-1)[:, :size]
     return np.sort(chosen, axis=-1)
@@ -117,5 +117,5 @@ def _promises_under(
     """Estimate as `promises` does, from scores (n, P, C, W) under some readings (n, P)."""
     e = e_values(score[:, :, None], log_null[reading][:, :, ::EVERY], TILTS[::EVERY])
     each = np.einsum("nptcw,npcw->nptc", e, windows.blurred[reading], optimize=True)
-    each += windows.doubt[reading][:, :, None]
+    each += windows.p_null[reading][:, :, None]
     return np.log(each).sum(axis=-1).max(axis=-1) + log_prior[reading]
