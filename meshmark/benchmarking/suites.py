@@ -60,13 +60,9 @@ def _each(attack: str, per: Per, label: str, family: str = "", **parameters: Any
     return Cell(attack, parameters, per, label, family or attack)
 
 
-def _ways(
-    attack: str, label: str, ways: tuple[Per, ...], family: str = "", **parameters: Any
-) -> tuple[Cell, ...]:
+def _ways(attack: str, label: str, ways: tuple[Per, ...], **parameters: Any) -> tuple[Cell, ...]:
     """Make a cell for each value of the parameter `per`."""
-    return tuple(
-        Cell(attack, {**parameters, "per": per}, per, label, family or attack) for per in ways
-    )
+    return tuple(Cell(attack, {**parameters, "per": per}, per, label, attack) for per in ways)
 
 
 def _first(cells: Iterable[Cell]) -> tuple[Cell, ...]:

@@ -127,7 +127,7 @@ def _straightest(V: FloatArray, sides: _Sides, along: FloatArray) -> tuple[IntAr
     return np.concatenate(edge), np.concatenate(pairs)
 
 
-def seams(V: FloatArray, F: IntArray, tolerance: float = SEAM) -> IntArray:
+def seams(V: FloatArray, F: IntArray) -> IntArray:
     """List pairs of border points so near to each other that a cut must have made them, (S, 2).
 
     Parameters
@@ -136,13 +136,12 @@ def seams(V: FloatArray, F: IntArray, tolerance: float = SEAM) -> IntArray:
         Vertex positions. Exactly coincident ones are listed, too, where they were not welded.
     F : (F, 3) int
         Triangles.
-    tolerance : float
-        How near, as a share of the mean edge at both points.
 
     Notes
     -----
     Only borders are looked at: points within a surface may lie as near to each other as they
-    like, as those of slivers do. Two ends of one edge are never a pair. A point has at most
+    like, as those of slivers do. Near is nearer than the share `SEAM` of the mean edge at each of
+    the two. Two ends of one edge are never a pair. A point has at most
     `MOST_SEWN` others.
     """
     border = np.unique(boundary_edges(F))
@@ -151,7 +150,7 @@ def seams(V: FloatArray, F: IntArray, tolerance: float = SEAM) -> IntArray:
     E = edges(F)
     ends = np.bincount(E.ravel(), minlength=len(V))
     around = np.bincount(E.ravel(), np.repeat(lengths(V[E[:, 0]] - V[E[:, 1]]), 2), len(V))
-    reach = tolerance * around[border] / np.maximum(ends[border], 1)
+    reach = SEAM * around[border] / np.maximum(ends[border], 1)
     nearest = min(MOST_SEWN + 1, border.size)
     gap, other = cKDTree(V[border]).query(V[border], nearest, distance_upper_bound=reach.max())
     own = np.repeat(np.arange(border.size), nearest)

@@ -147,10 +147,8 @@ def face_components(F: IntArray, labels: IntArray | None = None) -> IntArray:
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def weld(
-    V: FloatArray, F: IntArray, tolerance: float = 0.0
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """Merge coincident vertices, for analysis of unindexed meshes.
+def weld(V: FloatArray, F: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Merge exactly coincident vertices, for analysis of unindexed meshes.
 
     Parameters
     ----------
@@ -158,9 +156,6 @@ def weld(
         Vertex positions.
     F : (F, 3) int
         Triangles.
-    tolerance : float
-        Vertices whose coordinates round to the same multiple of this length are merged;
-        0 merges exactly equal ones.
 
     Returns
     -------
@@ -171,8 +166,7 @@ def weld(
     new : (N,) int
         New index of each old vertex.
     """
-    key = V if tolerance == 0.0 else np.round(V / tolerance)
-    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(V, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))

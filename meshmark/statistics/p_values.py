@@ -201,21 +201,6 @@ def exact_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
     return np.log10(np.maximum(reached, 1) / len(sums))
 
 
-def hoeffding_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
-    """Hoeffding's bound exp(-t^2 / (2 sum S^2)), t = w.S, for comparison.
-
-    References
-    ----------
-    W. Hoeffding, "Probability inequalities for sums of bounded random variables", Journal of
-    the American Statistical Association 58, 1963. https://doi.org/10.1080/01621459.1963.10500830
-    """
-    energy = float((S**2).sum())
-    score = np.maximum(0.0, (word * S).sum(axis=-1))
-    if energy == 0.0:
-        return np.zeros_like(score)
-    return -(score**2) / (2.0 * energy) / np.log(10.0)
-
-
 def reachable_log10_p(
     held: NDArray[np.bool_],
     n_words: int,

@@ -151,7 +151,7 @@ def test_functions_reach_workers_where_nothing_can_be_written(monkeypatch) -> No
     def refuse(*args, **kwargs):
         raise OSError("read-only file system")
 
-    monkeypatch.setattr("meshmark.workers.pool.tempfile.TemporaryDirectory", refuse)
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
     assert list(ordered_map(square, range(8), jobs=2)) == [x * x for x in range(8)]
 
 
