@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import vertex_components
+from meshmark_plugins.geodesics.base import BaseSolver
 
 OneSource = Callable[[int], FloatArray]
 """Distances (n,) from one vertex to all of a connected mesh."""
 
 
-class ComponentSolvers:
+class ComponentwiseSolver(BaseSolver):
     """One solver for each connected component, built when a source first lies in it.
 
     Parameters
     ----------
-    V : (N, 3) float64
+    V : (N, 3) array_like of float
         Vertex positions.
-    F : (F, 3) int
+    F : (F, 3) array_like of int
         Triangles; those with a repeated corner are left out.
-    build : callable
-        Makes a `OneSource` from the vertices (n, 3) and triangles (f, 3) of a component, which
-        has no unused vertex and is scaled to a bounding box with diagonal 1.
     """
 
-    def __init__(
-        self, V: FloatArray, F: IntArray, build: Callable[[FloatArray, IntArray], OneSource]
-    ) -> None:
-        proper = (np.roll(F, 1, axis=1) != F).all(axis=1)
-        self._V, self._F, self._build = V, F[proper], build
-        self._component = vertex_components(self._F, len(V))
+    def __init__(self, V: ArrayLike, F: ArrayLike) -> None:
+        super().__init__(V, F)
+        self._F = self._F[(np.roll(self._F, 1, axis=1) != self._F).all(axis=1)]
+        self._component = vertex_components(self._F, len(self._V))
         self._built: dict[int, tuple[IntArray, float, OneSource, IntArray]] = {}
 
-    def distances(self, sources: IntArray) -> FloatArray:
-        """Measure from each source, (S, N) float64; inf outside its component."""
+    @abstractmethod
+    def _build(self, V: FloatArray, F: IntArray) -> OneSource:
+        """Build on the vertices (n, 3) and triangles (f, 3) of one component.
+
+        It has no unused vertex, and is scaled to a bounding box with diagonal 1.
+        """
+
+    def _measure(self, sources: IntArray) -> FloatArray:
         D = np.full((len(sources), len(self._V)), np.inf)
         for row, source in zip(D, sources.tolist(), strict=True):
             vertices, scale, solve, place = self._solver(int(self._component[source]))

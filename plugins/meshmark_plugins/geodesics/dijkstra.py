@@ -7,13 +7,12 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from meshmark.arrays import FloatArray
-from meshmark.mesh.checks import mesh_arrays
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import edges
-from meshmark_plugins.geodesics.sources import source_indices
+from meshmark_plugins.geodesics.base import BaseSolver
 
 
-class DijkstraSolver:
+class DijkstraSolver(BaseSolver):
     """Lengths of shortest paths along edges.
 
     Parameters
@@ -42,31 +41,10 @@ class DijkstraSolver:
     """
 
     def __init__(self, V: ArrayLike, F: ArrayLike) -> None:
-        points, faces = mesh_arrays(V, F)
-        i, j = edges(faces).T
-        length = np.linalg.norm(points[i] - points[j], axis=1)
-        self._graph = csr_matrix((length, (i, j)), shape=(len(points), len(points)))
+        super().__init__(V, F)
+        i, j = edges(self._F).T
+        length = np.linalg.norm(self._V[i] - self._V[j], axis=1)
+        self._graph = csr_matrix((length, (i, j)), shape=(len(self._V), len(self._V)))
 
-    def distances(self, sources: ArrayLike) -> FloatArray:
-        """Measure the shortest path along edges from each source to every vertex.
-
-        Parameters
-        ----------
-        sources : (S,) array_like of int
-            Vertex indices.
-
-        Returns
-        -------
-        (S, N) float64
-            Lengths in the unit of `V`; inf where no path leads.
-
-        Raises
-        ------
-        UsageError
-            If a source is out of range.
-        """
-        n = self._graph.shape[0]
-        indices = source_indices(sources, n)
-        if len(indices) == 0:
-            return np.zeros((0, n))
-        return dijkstra(self._graph, directed=False, indices=indices)
+    def _measure(self, sources: IntArray) -> FloatArray:
+        return dijkstra(self._graph, directed=False, indices=sources)

@@ -9,12 +9,10 @@ from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
-from meshmark.mesh.checks import mesh_arrays
-from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
-from meshmark_plugins.geodesics.sources import source_indices
+from meshmark_plugins.geodesics.components import ComponentwiseSolver, OneSource
 
 
-class ExactSolver:
+class ExactSolver(ComponentwiseSolver):
     """Lengths of the shortest paths on the polyhedral surface, by window propagation [1]_.
 
     Parameters
@@ -49,44 +47,20 @@ class ExactSolver:
     """
 
     def __init__(self, V: ArrayLike, F: ArrayLike) -> None:
-        points, faces = mesh_arrays(V, F)
-        proper = faces[(np.roll(faces, 1, axis=1) != faces).all(axis=1)]
+        super().__init__(V, F)
         # The library underneath does not survive anything else.
-        _require_manifold(proper)
-        self._n = len(points)
-        self._components = ComponentSolvers(points, proper, _build)
+        _require_manifold(self._F)
 
-    def distances(self, sources: ArrayLike) -> FloatArray:
-        """Measure the distance along the surface from each source to every vertex.
+    def _build(self, V: FloatArray, F: IntArray) -> OneSource:
+        from pygeodesic.geodesic import PyGeodesicAlgorithmExact
 
-        Parameters
-        ----------
-        sources : (S,) array_like of int
-            Vertex indices.
+        algorithm = PyGeodesicAlgorithmExact(V, F.astype(np.int32))
 
-        Returns
-        -------
-        (S, N) float64
-            Distances in the unit of `V`; inf in other components.
+        def solve(source: int) -> FloatArray:
+            distance, _ = algorithm.geodesicDistances([source], None)
+            return np.asarray(distance, dtype=np.float64)
 
-        Raises
-        ------
-        UsageError
-            If a source is out of range.
-        """
-        return self._components.distances(source_indices(sources, self._n))
-
-
-def _build(V: FloatArray, F: IntArray) -> OneSource:
-    from pygeodesic.geodesic import PyGeodesicAlgorithmExact
-
-    algorithm = PyGeodesicAlgorithmExact(V, F.astype(np.int32))
-
-    def solve(source: int) -> FloatArray:
-        distance, _ = algorithm.geodesicDistances([source], None)
-        return np.asarray(distance, dtype=np.float64)
-
-    return solve
+        return solve
 
 
 def _require_manifold(F: IntArray) -> None:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.parameters import require_number
-from meshmark.mesh.checks import mesh_arrays
-from meshmark_plugins.geodesics.components import ComponentSolvers, OneSource
-from meshmark_plugins.geodesics.sources import source_indices
+from meshmark_plugins.geodesics.components import ComponentwiseSolver, OneSource
 
 NAME = "geodesic heat"
 
 
-class HeatSolver:
+class HeatSolver(ComponentwiseSolver):
     """Geodesic distances by short-time heat flow [1]_.
 
     Parameters
@@ -68,52 +64,26 @@ class HeatSolver:
         if not isinstance(use_robust, (bool, np.bool_)):
             raise UsageError(f"{NAME}: use_robust must be true or false, not {use_robust!r}")
         self.t_coef, self.use_robust = float(t_coef), bool(use_robust)
-        points, faces = mesh_arrays(V, F)
-        self._n = len(points)
-        # Not a method of this object: a cycle would keep the factors alive long after it.
-        build = partial(_build, t_coef=self.t_coef, use_robust=self.use_robust)
-        self._components = ComponentSolvers(points, faces, build)
+        super().__init__(V, F)
 
-    def distances(self, sources: ArrayLike) -> FloatArray:
-        """Measure the distance along the surface from each source to every vertex.
+    def _build(self, V: FloatArray, F: IntArray) -> OneSource:
+        import potpourri3d as pp3d
 
-        Parameters
-        ----------
-        sources : (S,) array_like of int
-            Vertex indices.
-
-        Returns
-        -------
-        (S, N) float64
-            Distances in the unit of `V`; 0 at the source, inf in other components.
-
-        Raises
-        ------
-        UsageError
-            If a source is out of range.
-        CapacityError
-            If a source's component is too degenerate to solve on, such as a single point.
-        """
-        return self._components.distances(source_indices(sources, self._n))
-
-
-def _build(V: FloatArray, F: IntArray, *, t_coef: float, use_robust: bool) -> OneSource:
-    import potpourri3d as pp3d
-
-    try:
-        solver = pp3d.MeshHeatMethodDistanceSolver(V, F, t_coef, use_robust)
-    except (RuntimeError, ValueError) as error:
-        raise _failure(error) from error
-
-    def solve(source: int) -> FloatArray:
         try:
-            d = np.asarray(solver.compute_distance(source), dtype=np.float64)
-        except RuntimeError as error:
+            solver = pp3d.MeshHeatMethodDistanceSolver(V, F, self.t_coef, self.use_robust)
+        except (RuntimeError, ValueError) as error:
             raise _failure(error) from error
-        # Rounding may put some vertex a hair nearer to the source than the source is.
-        return np.maximum(d - d[source], 0.0)
 
-    return solve
+        # Nothing here knows `self`: a cycle would keep the factors alive long after it.
+        def solve(source: int) -> FloatArray:
+            try:
+                d = np.asarray(solver.compute_distance(source), dtype=np.float64)
+            except RuntimeError as error:
+                raise _failure(error) from error
+            # Rounding may put some vertex a hair nearer to the source than the source is.
+            return np.maximum(d - d[source], 0.0)
+
+        return solve
 
 
 def _failure(error: Exception) -> CapacityError:
