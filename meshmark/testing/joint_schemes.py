@@ -19,8 +19,6 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
 from meshmark.arrays import IntArray
-from meshmark.detection.extraction import extract
-from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import embed_animation, plan_jointly
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
@@ -30,15 +28,20 @@ from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
 from meshmark.metrics.faces import flipped_faces
+from meshmark.testing.any_scheme import (
+    KEY,
+    NAME,
+    OTHER,
+    AnySchemeSuite,
+    assert_found_blindly,
+    rounded,
+    tetrahedron,
+)
 from meshmark.testing.invariance import moved, reordered
 from meshmark.testing.meshes import Mesh, plane
-from meshmark.testing.scheme_records import SchemeRecordSuite
-from meshmark.testing.schemes import KEY, NAME, OTHER, rounded
 
 # Beliefs may exceed 1 in sum by what rounding adds.
 SLACK = 1e-9
-# Log10 p that a key which marked nothing stays above: the suite's keys are always the same.
-CHANCE = -3.0
 
 
 @lru_cache(maxsize=1)
@@ -49,18 +52,12 @@ def galloping() -> MeshAnimation:
     return creature(points=3000, frames=4)
 
 
-def tetrahedron() -> Mesh:
-    """Build a mesh without room for any mark."""
-    V = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.2]])
-    return V, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-
-
 def needle() -> Mesh:
     """Build two triangles without area: their corners stand in one line."""
     return np.outer([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-class JointSchemeSuite(SchemeRecordSuite):
+class JointSchemeSuite(AnySchemeSuite):
     """Checks the contract of one joint scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
@@ -72,11 +69,6 @@ class JointSchemeSuite(SchemeRecordSuite):
     def animation(self) -> MeshAnimation:
         """Offer an animation that can be marked, of four frames or more."""
         return galloping()
-
-    @pytest.fixture
-    def tolerance(self) -> float:
-        """Difference allowed to evidence and descriptors where only rounding differs."""
-        return 1e-6
 
     @pytest.fixture
     def highest_log10_p(self) -> float:
@@ -154,19 +146,8 @@ class JointSchemeSuite(SchemeRecordSuite):
         self, scheme: JointScheme, animation: MeshAnimation, highest_log10_p: float
     ) -> None:
         """Through float32, without the original: the key fits, no other does, nor the original."""
-        embedded = embed_animation(animation, scheme, NAME, KEY)
+        embedded = assert_found_blindly(scheme, animation, highest_log10_p)
         assert 1 <= embedded.carriers <= scheme.n_words
-        leaked = embedded.animation.map(rounded)
-        for before, after in zip(animation, leaked, strict=True):
-            assert after.topology.same_as(before.topology)
-            assert np.all(np.isfinite(after.points))
-            assert np.any(after.points != before.points.astype(np.float32))
-        evidence = extract(leaked, scheme, NAME)
-        assert judge(evidence, KEY).log10_p < highest_log10_p
-        assert judge(evidence, OTHER).log10_p > CHANCE
-        assert judge(evidence, KEY, "somebody else").log10_p > CHANCE
-        unmarked = extract(animation, scheme, NAME)
-        assert judge(unmarked, KEY).log10_p > CHANCE
 
     def test_a_plan_is_all_a_worker_needs(
         self, scheme: JointScheme, animation: MeshAnimation

@@ -13,8 +13,9 @@ from meshmark.extension.interfaces import JointScheme
 from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
 from meshmark.testing import JointSchemeSuite, SchemeSuite
+from meshmark.testing.any_scheme import NAME, OTHER
 from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
-from meshmark.testing.schemes import NAME, OTHER, swaying
+from meshmark.testing.schemes import swaying
 
 
 class BuiltIn:

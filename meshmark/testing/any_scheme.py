@@ -1,0 +1,83 @@
+"""What the suites of both kinds of scheme share: the record, and that a mark is found blindly."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meshmark.detection.extraction import extract
+from meshmark.detection.hypothesis_test import judge
+from meshmark.embedding.mesh import Embedded, embed_animation
+from meshmark.extension.hookspecs import Scheme, SchemeRecord
+from meshmark.extension.interfaces import JointScheme
+from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.testing.meshes import Mesh
+
+NAME = "scheme-under-test"
+KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))
+# Log10 p that a key which marked nothing stays above: the suites' keys are always the same.
+CHANCE = -3.0
+
+
+class AnySchemeSuite:
+    """Checks what schemes of both kinds have in common."""
+
+    @pytest.fixture
+    def record(self) -> SchemeRecord | None:
+        """Offer the record of the scheme; None leaves out the tests of it."""
+        return None
+
+    @pytest.fixture
+    def parts(self) -> dict[str, Any]:
+        """Offer the `segmenter` and the `solver` the record's factory is called with."""
+        return {"segmenter": None, "solver": None}
+
+    @pytest.fixture
+    def tolerance(self) -> float:
+        """Difference allowed to what is measured where only rounding differs."""
+        return 1e-6
+
+    def test_record_is_complete(self, record: SchemeRecord | None) -> None:
+        """A record names its scheme, says in one line what it does, and has a version."""
+        if record is None:
+            pytest.skip("no record is offered")
+        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", record.name)
+        assert record.summary.strip()
+        assert "\n" not in record.summary
+        assert record.version
+
+
+def assert_found_blindly(
+    scheme: Scheme | JointScheme, animation: MeshAnimation, highest_log10_p: float
+) -> Embedded:
+    """Fail unless a mark is found without the original, by its key alone, and return it.
+
+    It goes through float32, which leaves the topology as it was and moves every frame.
+    """
+    embedded = embed_animation(animation, scheme, NAME, KEY)
+    leaked = embedded.animation.map(rounded)
+    for before, after in zip(animation, leaked, strict=True):
+        assert after.topology.same_as(before.topology)
+        assert np.all(np.isfinite(after.points))
+        assert np.any(after.points != before.points.astype(np.float32))
+    evidence = extract(leaked, scheme, NAME)
+    assert judge(evidence, KEY).log10_p < highest_log10_p
+    assert judge(evidence, OTHER).log10_p > CHANCE
+    assert judge(evidence, KEY, "somebody else").log10_p > CHANCE
+    assert judge(extract(animation, scheme, NAME), KEY).log10_p > CHANCE
+    return embedded
+
+
+def rounded(frame: Frame) -> Frame:
+    """Round a frame's points to float32, as any file would."""
+    return frame.moved(frame.points.astype(np.float32).astype(np.float64))
+
+
+def tetrahedron() -> Mesh:
+    """Build a mesh without room for any mark."""
+    V = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.2]])
+    return V, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
