@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshmark.benchmarking.copies import COLLUDER, MarkedCopy, copy_of, make_copy
-from meshmark.benchmarking.report import Outcome, document_of
+from meshmark.benchmarking.marked_copies import COLLUDER, MarkedCopy, copy_of, make_copy
+from meshmark.benchmarking.report_document import Outcome, document_of
 from meshmark.benchmarking.store import FORMAT, Store, code_hash, identity_hash
 from meshmark.benchmarking.subjects import Subject, count_distinct, subjects_of
 from meshmark.benchmarking.suites import Suite
@@ -105,7 +105,7 @@ def run_benchmark(
     -------
     dict
         The report; its schema is `schemas/json/benchmark.schema.json`. Nothing but results is
-        written; see `meshmark.benchmarking.page`.
+        written; see `meshmark.benchmarking.report_tables`.
 
     Raises
     ------

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.benchmarking.copies import MarkedCopy
-from meshmark.benchmarking.stages import StageClock, TimedRecipe
+from meshmark.benchmarking.marked_copies import MarkedCopy
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
 from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.benchmarking.timing import StageClock, TimedRecipe
 from meshmark.commands.attack import attack_asset
 from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import PrimVerdict, Verdict

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from meshmark.benchmarking.cells import measure_distortion, run_cell
-from meshmark.benchmarking.copies import MarkedCopy
+from meshmark.benchmarking.marked_copies import MarkedCopy
 from meshmark.benchmarking.store import Store, identity_hash
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell

@@ -56,7 +56,7 @@ def bench(
 ) -> None:
     """Mark every SOURCE, attack the copies, verify them blindly, and report."""
     from meshmark.benchmarking.benchmark import run_benchmark
-    from meshmark.benchmarking.report import failures
+    from meshmark.benchmarking.report_document import failures
     from meshmark.benchmarking.suites import Suite, cell_from_text, suite_named
     from meshmark.workers.ordered_map import default_jobs
 
@@ -106,8 +106,8 @@ def recipes_from_text(
 
 
 def _write(document: dict[str, Any], folder: Path) -> None:
-    from meshmark.benchmarking.page import page_of
     from meshmark.benchmarking.plots import ADVICE, can_plot, draw_plots
+    from meshmark.benchmarking.report_tables import page_of
     from meshmark.files.atomic import write_json, write_text
 
     plots: list[str] = []
@@ -129,7 +129,7 @@ def _tell(document: dict[str, Any], folder: Path) -> None:
 
 def exit_code(document: dict[str, Any]) -> int:
     """Return 0 if every cell ran, 5 if a plugin failed in one, else 1."""
-    from meshmark.benchmarking.report import failures
+    from meshmark.benchmarking.report_document import failures
 
     if any(row["plugin_failed"] for row in document["rows"]):
         return PLUGIN_FAILED

@@ -11,10 +11,10 @@ import pytest
 
 from meshmark.benchmarking.benchmark import benchmark_key
 from meshmark.benchmarking.cells import attack_mrms, describe
-from meshmark.benchmarking.command import command_of
-from meshmark.benchmarking.page import page_of
 from meshmark.benchmarking.plots import can_plot, draw_plots
-from meshmark.benchmarking.report import Outcome, document_of, failures
+from meshmark.benchmarking.report_command import command_of
+from meshmark.benchmarking.report_document import Outcome, document_of, failures
+from meshmark.benchmarking.report_tables import page_of
 from meshmark.benchmarking.store import Store
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text

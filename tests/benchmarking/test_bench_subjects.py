@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from meshmark.benchmarking.stages import StageClock
 from meshmark.benchmarking.store import Store, code_hash, identity_hash
 from meshmark.benchmarking.subjects import (
     count_distinct,
@@ -17,6 +16,7 @@ from meshmark.benchmarking.subjects import (
     short_names,
     subjects_of,
 )
+from meshmark.benchmarking.timing import StageClock
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.extension.registry import catalogue
 from meshmark.mesh.animation import MeshAnimation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from meshmark.benchmarking.paper import ERROR_DIGIT, TABLE_1, TABLE_2, worse
+from meshmark.benchmarking.published_figures import ERROR_DIGIT, TABLE_1, TABLE_2, worse
 from meshmark.benchmarking.suites import NO_ATTACK, SUITES, cell_from_text, suite_named
 from meshmark.errors import UsageError
 from meshmark.extension.registry import catalogue, make_attack

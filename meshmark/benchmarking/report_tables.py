@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from meshmark.benchmarking.command import command_of
-from meshmark.benchmarking.paper import DISTORTION_DIGIT, ERROR_DIGIT, worse
-from meshmark.benchmarking.report import failures
+from meshmark.benchmarking.published_figures import DISTORTION_DIGIT, ERROR_DIGIT, worse
+from meshmark.benchmarking.report_command import command_of
+from meshmark.benchmarking.report_document import failures
 
 Row = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from meshmark.benchmarking.cells import FPR, LUCKY_BER
-from meshmark.benchmarking.paper import TABLE_1, TABLE_2
+from meshmark.benchmarking.published_figures import TABLE_1, TABLE_2
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
