@@ -16,6 +16,8 @@ from meshmark.mesh.geometry import face_areas, surface_box
 NO_AREA = 1e-12
 # What single precision can hold: far beyond, squares and products overflow even in double.
 FARTHEST = np.finfo(np.float32).max
+# Below, a surface has no size. A Python number: comparing narrows the other side to numpy's type.
+SMALLEST = float(np.finfo(np.float32).tiny)
 
 
 def check(animation: MeshAnimation) -> None:
@@ -75,7 +77,7 @@ def _fault(animation: MeshAnimation, index: int) -> InputError | None:
 
 def _require_extent(frame: Frame) -> None:
     diagonal, centre = surface_box(frame.points, frame.faces)
-    if diagonal < np.finfo(np.float32).tiny:
+    if diagonal < SMALLEST:
         raise NoExtentError("the mesh is scaled to nothing")
     # Of size 1 about the origin, or squares might underflow.
     unit = (frame.points - centre) / diagonal
