@@ -12,7 +12,9 @@ from typing import Any
 
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import InputError, MeshmarkError
+from meshmark.files.temporary import ScratchFolder
 from meshmark.sources.isolation.limits import Limits
+from meshmark.sources.isolation.reading import environment
 from meshmark.sources.isolation.report import describe_error, error_from
 from meshmark.sources.readers import STAGE_SUFFIXES
 
@@ -46,13 +48,15 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
 
         findings = check_stage(name, _marked_meshes(Path(name)))
         return {"file": name, "findings": [asdict(each) for each in findings]}
+    folder = ScratchFolder()
     said = subprocess.run(
         [sys.executable, "-P", "-m", __name__, name],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        env=environment(folder.path),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         check=False,
     )
+    folder.remove()
     if said.returncode:
         raise InputError(
             f"crashes the USD library ({said.returncode}), or needs more memory or time than it "

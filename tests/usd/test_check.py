@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -147,9 +148,15 @@ def test_what_cannot_be_checked(run: Run, tmp_path: Path) -> None:
 
 def test_a_crash_costs_one_line(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     marked_stage(tmp_path / "s.usda").Save()
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    monkeypatch.setenv("TMPDIR", str(scratch))
     for file in (FAULTS / "crate-crash").iterdir():
         code, out, err = run(str(file))
         assert (code, out, err.count("\n")) == (3, "", 1)
+        # pxr leaves a report of its crash there.
+        assert [path.name for path in scratch.iterdir()] == []
     monkeypatch.setenv("MESHMARK_READ_MEMORY", "0.001")
     code, out, err = run("s.usda")
     assert (code, out, err.count("\n")) == (3, "", 1)

@@ -97,7 +97,7 @@ def _run(
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=complaints,
-            env=_environment(folder),
+            env=environment(folder),
         )
     with process:
         try:
@@ -118,8 +118,8 @@ def _run(
     return dict(json.loads(report))
 
 
-def _environment(folder: Path) -> dict[str, str]:
-    """Return the environment of the process: it finds the modules we do, and needs few threads.
+def environment(folder: Path) -> dict[str, str]:
+    """Return the environment of a process: it finds the modules we do, and needs few threads.
 
     What it leaves behind, as pxr does of a crash, goes with its folder.
     """
