@@ -15,6 +15,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.usd.asset_paths import anchor_asset_paths
 from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.checking import require_no_traces
+from meshmark.usd.diagnostics import caught
 from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
@@ -98,8 +99,9 @@ def write_flattened(
     """
     stage = open_stage(original.source).stage
     refuse_to_overwrite(original.source, output)
-    for mesh in marked.meshes:
-        _require_every_frame(require_prim(stage, mesh, original.source), mesh)
+    with caught(original.source):
+        for mesh in marked.meshes:
+            _require_every_frame(require_prim(stage, mesh, original.source), mesh)
     with replacing(output, assets_folder(output)) as beside, usd_output_errors(output):
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:

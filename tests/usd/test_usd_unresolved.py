@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from meshmark import read, write
 from meshmark.errors import InputError
 from meshmark.usd.reading import read_stage
-from usd_stages import cube, write_text
+from usd_stages import CUBE_POINTS, cube, moved, sampled, write_text
 
 EMPTY = 'def Xform "A"'
 CLIPPED = """
@@ -94,3 +95,23 @@ def test_purpose_and_visibility_are_told_of_each_mesh(tmp_path: Path) -> None:
         "/d": ("invisible at its first time",),
         "/e": (),
     }
+
+
+@pytest.mark.parametrize("deliver", [False, True])
+def test_what_pxr_says_of_it_while_writing_is_silenced(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], deliver: bool
+) -> None:
+    clips = """(clips = { dictionary default = {
+        asset[] assetPaths = [@./clip.usda@]
+        asset manifestAssetPath = @./gone.usda@
+        string primPath = "/body"
+        double2[] active = [(1, 0)]
+    } })"""
+    write_text(tmp_path / "clip.usda", cube("body", points=sampled({1: CUBE_POINTS}), kind="over"))
+    body = cube("body").replace('"body"', f'"body" {clips}')
+    source = write_text(tmp_path / "s.usda", body)
+    # Another process reads: in this one, pxr has not seen the stage before it writes.
+    asset = read(source, isolated=True)
+    assert any("gone.usda" in note for note in asset.notes)
+    write(moved(asset), asset, tmp_path / "o.usda", deliver=deliver)
+    assert capfd.readouterr().err == ""
