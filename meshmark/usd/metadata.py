@@ -100,9 +100,12 @@ def _said_by_layers(stage: Usd.Stage) -> tuple[list[str], dict[str, Any]]:
     texts: dict[str, None] = {}
     data: dict[str, Any] = {}
     for each in stage.GetLayerStack(includeSessionLayers=False):
-        texts.update((each.pseudoRoot.GetInfo(key), None) for key in TEXTS)
-        data = {**each.customLayerData, **data}
-    return [text for text in texts if text], data
+        # A binary layer can hold values that are not of their field's type.
+        said = (each.pseudoRoot.GetInfo(key) for key in TEXTS)
+        texts.update((text, None) for text in said if isinstance(text, str) and text)
+        own = each.pseudoRoot.GetInfo("customLayerData")
+        data = {**(own if isinstance(own, Mapping) else {}), **data}
+    return list(texts), data
 
 
 def paths_of(layer: Sdf.Layer) -> list[Sdf.Path]:
@@ -121,7 +124,7 @@ def fields_of(spec: Sdf.Spec) -> Iterator[tuple[str, Any]]:
 
 def _strip_field(spec: Sdf.Spec, key: str, value: Any, layer: Sdf.Layer, tell: Tell) -> None:
     where = f"{spec.path}: {key}"
-    if key in NAMES or (key in TEXTS and not TERMS.search(value)):
+    if key in NAMES or (key in TEXTS and not _speaks_of_terms(value)):
         spec.ClearInfo(key)
         tell(where)
         return
@@ -136,15 +139,23 @@ def _strip_field(spec: Sdf.Spec, key: str, value: Any, layer: Sdf.Layer, tell: T
         spec.SetInfo(key, kept)
 
 
-def _terms(data: Mapping[str, Any], where: str, tell: Tell) -> Iterator[tuple[str, Any]]:
+def _terms(data: Any, where: str, tell: Tell) -> Iterator[tuple[str, Any]]:
     """Yield the entries that speak of terms of use, by their key or in their text."""
+    if not isinstance(data, Mapping):
+        tell(where)
+        return
     for key, value in data.items():
-        if TERMS.search(key) or (isinstance(value, str) and TERMS.search(value)):
+        if TERMS.search(key) or _speaks_of_terms(value):
             yield key, value
         elif isinstance(value, Mapping) and (kept := dict(_terms(value, f"{where}:{key}", tell))):
             yield key, kept
         elif not isinstance(value, Mapping) or not value:
             tell(f"{where}:{key}")
+
+
+def _speaks_of_terms(value: Any) -> bool:
+    # A binary layer can hold values that are not of their field's type.
+    return isinstance(value, str) and bool(TERMS.search(value))
 
 
 def shortened(value: Any, layer: Sdf.Layer, where: str, tell: Tell) -> Any:
