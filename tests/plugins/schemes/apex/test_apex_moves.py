@@ -13,7 +13,7 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import unit
 from meshmark.metrics.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.marking import solve_displacement as displacing
 from meshmark_plugins.schemes.apex.marking.energy import (
     energy_over_poses,

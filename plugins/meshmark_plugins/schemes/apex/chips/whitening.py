@@ -7,7 +7,7 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, vertex_areas
-from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 
 ITERATIONS = 60
 TOLERANCE = 1e-7

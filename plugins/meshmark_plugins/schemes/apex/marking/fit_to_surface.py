@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors, lengths, unit, vertex_normals
-from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 
 ROUNDS = 2
 ITERATIONS = 12

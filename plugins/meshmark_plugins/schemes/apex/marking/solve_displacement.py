@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
-from meshmark_plugins.schemes.apex.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.marking.energy import Energy, WeightedEnergy
 
 # Rounds of: which chips still fall short, what moved or stretched far, solve.
