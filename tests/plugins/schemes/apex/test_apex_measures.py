@@ -17,11 +17,11 @@ from meshmark_plugins.schemes.apex.anchors.detect import measure_from
 from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
 from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed, measure
 from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.chips.whitening import (
-    STEEPEST,
+from meshmark_plugins.schemes.apex.chips.whitening import whitening
+from meshmark_plugins.schemes.apex.linear_algebra.laplacian import (
+    MAX_COTANGENT,
     cotangent_weights,
     stiffness,
-    whitening,
 )
 
 K, WIDTH = 14, 0.045
@@ -95,7 +95,7 @@ def test_slivers_and_triangles_without_area_get_bounded_weights():
     F = np.array([[0, 1, 2], [0, 1, 3], [0, 4, 1], [4, 4, 0]])
     weights = cotangent_weights(V, F)
     assert weights.min() >= 0.0
-    assert weights.max() <= STEEPEST
+    assert weights.max() <= MAX_COTANGENT
     # Right angles weigh nothing, half of them a half.
     V, F = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
     np.testing.assert_allclose(cotangent_weights(V, F), [[0.0, 0.5, 0.5]], atol=1e-15)
