@@ -31,7 +31,7 @@ from meshmark.demo import creature
 from meshmark.mesh.topology import edges
 from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import default_jobs
-from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
 from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
 from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
@@ -68,10 +68,10 @@ class Subject:
         H = np.full((C, len(P)), np.inf)
         s = np.full((C, tuning.bins), np.nan)
         n = s.copy()
-        for rows, near in self.layout.measured(P, F):
+        for rows, field in self.layout.measured(P, F):
             unit = float(self.layout.units[rows[0]])
-            H[np.ix_(rows, near.piece.vertices)] = near.H / unit
-            s[rows], n[rows], _ = chips_about(near, unit, tuning.bins, tuning.width)
+            H[np.ix_(rows, field.component.vertices)] = field.H / unit
+            s[rows], n[rows], _ = chips_about(field, unit, tuning.bins, tuning.width)
         return H, s, n
 
 
@@ -153,9 +153,9 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     frame = subject.animation[0]
     P, F = frame.points, frame.faces
     H, *_ = subject.distances(P, F)
-    radial = RadialDistances(P, F)
-    f = integral_distance(P, F, radial)
-    view, r, tips = framed(subject, P), BALL * radial.root_area, P[subject.layout.anchors]
+    geodesics = GeodesicDistances(P, F)
+    f = integral_distance(P, F, geodesics)
+    view, r, tips = framed(subject, P), BALL * geodesics.root_area, P[subject.layout.anchors]
     norm = Normalize(f.min(), f.max())
     left = picture(
         P, F, f[:, None], lambda v: linear(plt.cm.YlGnBu_r(norm(v[:, 0]))), view, tips, r

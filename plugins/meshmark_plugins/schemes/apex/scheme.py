@@ -12,10 +12,10 @@ from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.statistics.word_windows import WordPosterior
-from meshmark_plugins.schemes.apex.anchors.components import shared_length
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, survey
-from meshmark_plugins.schemes.apex.anchors.integral_distance import distance_to_border
-from meshmark_plugins.schemes.apex.anchors.track import LEAST_SEEN, FrameAnchors
+from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
+from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.anchors.track import MIN_PERSISTENCE_DETECTED, FrameAnchors
 from meshmark_plugins.schemes.apex.chips.hypotheses import (
     CUT_WORTH,
     OFFSETS,
@@ -82,29 +82,33 @@ class Apex:
     def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
         """Find the anchors of a frame, and read the chips about them."""
         K, width = self.tuning.bins, self.tuning.width
-        nears = survey(frame.points, frame.faces, LEAST_SEEN, self.tuning.words + SPARE)
-        own = nears[0].whole
+        most = self.tuning.words + SPARE
+        found = detect_anchors(frame.points, frame.faces, MIN_PERSISTENCE_DETECTED, most)
+        fields = [anchors.geodesic_field() for anchors in found]
+        own = fields[0].reference_root_area
         whole = own if reference is None else _length_of(reference)
         guesses = Guesses.about(whole)
         soft, places, p_nulls = [], [], []
-        for near in nears:
-            profiles = profiles_of(near, vertex_weights(near, width), width, cells_needed(K, width))
-            scales = guesses.scales(near.unit * (whole / own))
+        for field in fields:
+            profiles = profiles_of(
+                field, vertex_weights(field, width), width, cells_needed(K, width)
+            )
+            scales = guesses.scales(field.length_scale * (whole / own))
             believed = worth(profiles, K, width, scales, OFFSETS)
             soft.append(believed * soften(*measure(profiles, K, scales, OFFSETS)))
             place = place_of(bulk(profiles, width, scales))
             places.append(np.repeat(place, len(OFFSETS), axis=0))
-            p_nulls.append(p_null_of(near))
+            p_nulls.append(p_null_of(field))
         return Observation(
             soft=np.concatenate(soft, axis=1),
             log_prior=guesses.log_prior,
             descriptors=np.column_stack(
                 [
-                    np.concatenate([near.bulk for near in nears]),
-                    np.concatenate([near.remoteness for near in nears]),
+                    np.concatenate([field.disc_area_share for field in fields]),
+                    np.concatenate([field.mean_geodesic_distance for field in fields]),
                 ]
             ),
-            vertices=np.concatenate([near.anchors for near in nears]),
+            vertices=np.concatenate([field.anchors for field in fields]),
             posterior=WordPosterior(np.concatenate(places, axis=1), np.concatenate(p_nulls)),
             bit_threshold=BIT_THRESHOLD,
         )
@@ -121,12 +125,14 @@ class Apex:
 @lru_cache(maxsize=8)
 def _length_of(frame: Frame) -> float:
     """Length in which the largest piece of a frame is measured; asked for again and again."""
-    return shared_length(frame.points, frame.faces)
+    return reference_root_area(frame.points, frame.faces)
 
 
-def p_null_of(near: Neighbourhood) -> FloatArray:
+def p_null_of(field: GeodesicField) -> FloatArray:
     """Believe so much that the anchors of a piece hold no word, (C,)."""
-    own = np.searchsorted(near.piece.vertices, near.anchors)
-    gap = distance_to_border(near.V, near.piece.faces, own)
-    p_null = np.interp(near.persistence, FLAT, HIGH)
-    return np.where(gap <= ON_BORDER * near.unit, np.maximum(p_null, FALSE_ON_BORDER), p_null)
+    own = np.searchsorted(field.component.vertices, field.anchors)
+    gap = distance_to_border(field.V, field.component.faces, own)
+    p_null = np.interp(field.persistence, FLAT, HIGH)
+    return np.where(
+        gap <= ON_BORDER * field.length_scale, np.maximum(p_null, FALSE_ON_BORDER), p_null
+    )

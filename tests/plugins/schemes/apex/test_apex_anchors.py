@@ -1,4 +1,4 @@
-"""The tips of shapes whose tips are known, and the survey of a frame."""
+"""Anchors of shapes whose tips are known, and distances from them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from meshmark.testing.meshes import (
     plane,
     side_by_side,
 )
-from meshmark_plugins.schemes.apex.anchors.components import split
-from meshmark_plugins.schemes.apex.anchors.detect import VICINITY, measure_from, survey
-from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
-from meshmark_plugins.schemes.apex.anchors.integral_distance import (
-    centre_of_caps,
+from meshmark_plugins.schemes.apex.anchors.components import large_components
+from meshmark_plugins.schemes.apex.anchors.detect import (
+    cap_centres,
+    detect_anchors,
     distance_to_border,
-    find_anchors,
-    integral_distance,
+    surface_anchors,
 )
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import DISC_RADIUS, geodesic_fields
+from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
 from meshmark_plugins.schemes.apex.anchors.persistence import persistent_maxima
 from meshmark_plugins.schemes.apex.scheme import Apex
 
@@ -41,8 +42,16 @@ UNIT = 1.0 / np.sqrt(4.0 * np.pi)
 
 def anchors(V, F, least=LEAST):
     """Positions of the anchors in root areas, and the root area."""
-    radial = RadialDistances(V, F)
-    return V[find_anchors(V, F, radial, least, 12).vertices] / radial.root_area, radial.root_area
+    geodesics = GeodesicDistances(V, F)
+    return V[
+        surface_anchors(V, F, geodesics, least, 12).vertices
+    ] / geodesics.root_area, geodesics.root_area
+
+
+def detected(V, F, min_persistence, max_anchors):
+    """Detect anchors, and measure distances from them."""
+    found = detect_anchors(V, F, min_persistence, max_anchors)
+    return [anchors.geodesic_field() for anchors in found]
 
 
 def assert_same_places(found, wanted, atol):
@@ -55,15 +64,15 @@ def assert_same_places(found, wanted, atol):
 
 def test_no_vertex_of_a_sphere_is_nearer_to_the_rest_than_others():
     V, F = icosphere(4)
-    f = integral_distance(V, F, RadialDistances(V, F))
+    f = integral_distance(V, F, GeodesicDistances(V, F))
     np.testing.assert_allclose(f, np.pi / 2.0 * UNIT, rtol=0.005)
 
 
 def test_ends_of_a_thin_capsule_are_half_its_length_from_the_rest_its_middle_a_quarter():
     radius, length = 0.1, 4.0
     V, F = capsule(48, 200, radius, length)
-    radial = RadialDistances(V, F)
-    f = integral_distance(V, F, radial) * radial.root_area / (length + np.pi * radius)
+    geodesics = GeodesicDistances(V, F)
+    f = integral_distance(V, F, geodesics) * geodesics.root_area / (length + np.pi * radius)
     np.testing.assert_allclose(f[-2:], 0.5, atol=0.015)
     assert f.min() == pytest.approx(0.25, abs=0.015)
     assert np.abs(V[np.argmin(f), 2]) < 0.05 * length
@@ -85,8 +94,8 @@ def test_tips_of_a_dumbbell_stand_on_the_far_sides():
 def test_the_middle_of_a_tube_s_flat_ends_stays_its_tip_as_it_bends(angle):
     # Which point of an end is the farthest from the rest, the bend decides.
     V, F = bent_tube(24, 80, angle=angle)
-    radial = RadialDistances(V, F)
-    found = find_anchors(V, F, radial, LEAST, 12)
+    geodesics = GeodesicDistances(V, F)
+    found = surface_anchors(V, F, geodesics, LEAST, 12)
     assert sorted(found.vertices.tolist()) == [len(V) - 2, len(V) - 1]
 
 
@@ -99,7 +108,7 @@ def test_the_middle_of_a_cap_is_found_within_its_own_slope():
     maxima = persistent_maxima(f, F, 0.5).vertices
     middles = np.array([[0.7, 0.7, 0.0], [0.3, 0.3, 0.0]])
     assert np.linalg.norm(V[maxima] - middles, axis=1).min() > 0.1
-    found = V[centre_of_caps(V, F, f, maxima)]
+    found = V[cap_centres(V, F, f, maxima)]
     np.testing.assert_allclose(found, middles, atol=0.026)
 
 
@@ -130,9 +139,9 @@ def test_tips_of_horns_that_stand_evenly_about_are_where_they_are(axes):
 
 def test_only_the_most_prominent_are_returned():
     V, F = bumpy_sphere(4, np.array(EVEN["octahedron"]), height=np.array([1, 1, 1, 1, 2, 2]))
-    radial = RadialDistances(V, F)
-    every = find_anchors(V, F, radial, LEAST, 12)
-    few = find_anchors(V, F, radial, LEAST, 2)
+    geodesics = GeodesicDistances(V, F)
+    every = surface_anchors(V, F, geodesics, LEAST, 12)
+    few = surface_anchors(V, F, geodesics, LEAST, 2)
     assert len(every.vertices) == 6
     np.testing.assert_array_equal(few.vertices, every.vertices[:2])
     # The tall ones.
@@ -142,9 +151,9 @@ def test_only_the_most_prominent_are_returned():
 
 def test_nothing_stands_out_of_a_sphere_and_the_error_says_what_a_mark_needs():
     V, F = icosphere(4)
-    assert find_anchors(V, F, RadialDistances(V, F), 0.01, 12).vertices.size == 0
+    assert surface_anchors(V, F, GeodesicDistances(V, F), 0.01, 12).vertices.size == 0
     with pytest.raises(CapacityError, match="tips such as hands, feet"):
-        survey(V, F, LEAST, 12)
+        detected(V, F, LEAST, 12)
 
 
 def test_distance_to_a_border_is_straight_and_none_is_far_away():
@@ -156,7 +165,7 @@ def test_distance_to_a_border_is_straight_and_none_is_far_away():
     assert np.all(np.isinf(distance_to_border(*icosphere(1), np.arange(3))))
 
 
-# The survey.
+# Distances from them.
 
 
 def two_capsules_and_a_button():
@@ -168,19 +177,19 @@ def two_capsules_and_a_button():
 
 def test_every_piece_has_its_own_tips_and_unit_and_buttons_have_none():
     V, F = two_capsules_and_a_button()
-    assert [len(piece.vertices) for piece in split(V, F)] == [1442, 1002]
-    nears = survey(V, F, LEAST, 12)
-    assert [sorted(near.anchors.tolist()) for near in nears] == [[1440, 1441], [2442, 2443]]
-    for near, (V, F) in zip(nears, [capsule(24, 60), capsule(20, 50, 0.2, 2.0)], strict=True):
-        assert near.unit == pytest.approx(np.sqrt(face_areas(V, F).sum()))
-        assert near.H.shape == (2, len(V))
+    assert [len(component.vertices) for component in large_components(V, F)] == [1442, 1002]
+    fields = detected(V, F, LEAST, 12)
+    assert [sorted(field.anchors.tolist()) for field in fields] == [[1440, 1441], [2442, 2443]]
+    for field, (V, F) in zip(fields, [capsule(24, 60), capsule(20, 50, 0.2, 2.0)], strict=True):
+        assert field.length_scale == pytest.approx(np.sqrt(face_areas(V, F).sum()))
+        assert field.H.shape == (2, len(V))
 
 
 def test_over_all_pieces_the_most_prominent_are_kept():
     V, F = two_capsules_and_a_button()
-    every = np.concatenate([near.persistence for near in survey(V, F, LEAST, 12)])
-    (near,) = survey(V, F, LEAST, 1)
-    assert near.persistence.tolist() == [every.max()]
+    every = np.concatenate([field.persistence for field in detected(V, F, LEAST, 12)])
+    (field,) = detected(V, F, LEAST, 1)
+    assert field.persistence.tolist() == [every.max()]
 
 
 @pytest.mark.parametrize("most", [1, 2, 3])
@@ -188,49 +197,51 @@ def test_of_equals_no_more_are_kept_than_asked_for(most):
     one = capsule(24, 60)
     twin = one[0] + [3.0, 0.0, 0.0], one[1]
     V, F = side_by_side(one, twin)
-    kept = np.concatenate([near.anchors for near in survey(V, F, LEAST, most)])
+    kept = np.concatenate([field.anchors for field in detected(V, F, LEAST, most)])
     assert len(kept) == most
 
 
 def test_measuring_from_given_anchors_finds_the_same_distances():
     V, F = two_capsules_and_a_button()
-    given = measure_from(V, F, np.array([2443, 1440, 2442]))
-    assert [near.anchors.tolist() for near in given] == [[1440], [2443, 2442]]
-    for near, seen in zip(given, survey(V, F, LEAST, 12), strict=True):
+    given = geodesic_fields(V, F, np.array([2443, 1440, 2442]))
+    assert [field.anchors.tolist() for field in given] == [[1440], [2443, 2442]]
+    for field, seen in zip(given, detected(V, F, LEAST, 12), strict=True):
         row = {int(vertex): H for vertex, H in zip(seen.anchors, seen.H, strict=True)}
-        np.testing.assert_array_equal(near.H, [row[int(vertex)] for vertex in near.anchors])
-        assert not near.persistence.any()
+        np.testing.assert_array_equal(field.H, [row[int(vertex)] for vertex in field.anchors])
+        assert not field.persistence.any()
     with pytest.raises(CapacityError, match="too small"):
-        measure_from(V, F, np.array([1440, len(V) - 1]))
+        geodesic_fields(V, F, np.array([1440, len(V) - 1]))
 
 
 def test_bulk_and_remoteness_of_a_point_of_a_sphere():
     V, F = icosphere(5)
-    (near,) = measure_from(V, F, np.array([0, 100]))
+    (field,) = geodesic_fields(V, F, np.array([0, 100]))
     # Archimedes: the share of a cap is half its height.
-    np.testing.assert_allclose(near.bulk, (1.0 - np.cos(VICINITY / UNIT)) / 2.0, rtol=0.015)
-    np.testing.assert_allclose(near.remoteness, np.pi / 2.0 * UNIT, rtol=0.005)
+    np.testing.assert_allclose(
+        field.disc_area_share, (1.0 - np.cos(DISC_RADIUS / UNIT)) / 2.0, rtol=0.015
+    )
+    np.testing.assert_allclose(field.mean_geodesic_distance, np.pi / 2.0 * UNIT, rtol=0.005)
 
 
-def assert_same_survey(other, vertex, near):
-    np.testing.assert_array_equal(vertex[other.anchors], near.anchors)
-    np.testing.assert_allclose(other.persistence, near.persistence, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(other.H, near.H[:, vertex], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(other.bulk, near.bulk, rtol=0, atol=1e-9)
+def assert_same_field(other, vertex, field):
+    np.testing.assert_array_equal(vertex[other.anchors], field.anchors)
+    np.testing.assert_allclose(other.persistence, field.persistence, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(other.H, field.H[:, vertex], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(other.disc_area_share, field.disc_area_share, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_a_similarity_changes_nothing(scale):
     V, F = bumpy_sphere(4, HORNS)
-    (other,) = survey(moved(V, scale, np.random.default_rng(2)), F, LEAST, 12)
-    assert_same_survey(other, np.arange(len(V)), *survey(V, F, LEAST, 12))
+    (other,) = detected(moved(V, scale, np.random.default_rng(2)), F, LEAST, 12)
+    assert_same_field(other, np.arange(len(V)), *detected(V, F, LEAST, 12))
 
 
 def test_the_order_of_vertices_and_faces_changes_nothing():
     V, F = bumpy_sphere(4, HORNS)
     mixed = reordered(V, F, np.random.default_rng(3))
-    (other,) = survey(mixed.V, mixed.F, LEAST, 12)
-    assert_same_survey(other, mixed.vertex, *survey(V, F, LEAST, 12))
+    (other,) = detected(mixed.V, mixed.F, LEAST, 12)
+    assert_same_field(other, mixed.vertex, *detected(V, F, LEAST, 12))
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])

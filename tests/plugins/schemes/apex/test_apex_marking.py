@@ -18,12 +18,12 @@ from meshmark.mesh.geometry import area_vectors
 from meshmark.metrics.surface_distance import mrms, surface_distance
 from meshmark.testing.meshes import bumpy_sphere, capsule, icosphere, plane, torus
 from meshmark.workers.scratch import DOUBLE, ScratchFile
-from meshmark_plugins.schemes.apex.anchors.components import shared_length
+from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
+    anchors_if_any,
     anchors_in_poses,
     lasting_anchors,
-    seen,
 )
 from meshmark_plugins.schemes.apex.chips.hypotheses import OFFSETS, Guesses
 from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
@@ -138,7 +138,7 @@ def test_frames_between_keys_blend_theirs():
 
 def reading_as_marked(frame):
     """Place among the readings of a frame of the one it was marked in."""
-    length = shared_length(frame.points, frame.faces)
+    length = reference_root_area(frame.points, frame.faces)
     guesses = Guesses.about(length)
     unit = units(length, np.array([phase_of(length)]))
     kept = (guesses.factor == 1.0) & (np.abs(guesses.scales(length) * unit - 1.0) < 1e-9)
@@ -173,7 +173,7 @@ def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
     assert sorted(found) == [0, 2]
     np.testing.assert_array_equal(found[0], tips)
     first = int(np.argmax(V[tips] @ HORNS[0]))
-    shown = seen(animation[2].points, animation[2].faces)[0]
+    shown = anchors_if_any(animation[2].points, animation[2].faces)[0]
     for c in range(5):
         assert found[2][c] == beside[c] if c == first else found[2][c] in shown
 

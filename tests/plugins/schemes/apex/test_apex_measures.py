@@ -13,8 +13,8 @@ from meshmark.mesh.topology import boundary_edges
 from meshmark.testing.invariance import moved
 from meshmark.testing.meshes import icosphere, plane, revolution, torus
 from meshmark_plugins.geodesics.heat import HeatSolver
-from meshmark_plugins.schemes.apex.anchors.detect import measure_from
-from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
+from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed, measure
 from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.chips.whitening import whitening
@@ -39,13 +39,13 @@ def root_area(V, F):
 
 def test_distances_on_a_sphere_are_arcs_in_units_of_its_root_area():
     V, F = icosphere(5, radius=7.0)
-    radial = RadialDistances(V, F)
-    assert radial.root_area == pytest.approx(7.0 / UNIT, rel=1e-3)
+    geodesics = GeodesicDistances(V, F)
+    assert geodesics.root_area == pytest.approx(7.0 / UNIT, rel=1e-3)
     poles = np.array([0, 11, 500])
     arcs = np.arccos(np.clip(V[poles] @ V.T / 49.0, -1.0, 1.0)) * UNIT
     # A third of a per cent of the way to the other pole.
-    np.testing.assert_allclose(radial.from_vertices(poles), arcs, atol=0.0035 * np.pi * UNIT)
-    np.testing.assert_array_equal(radial.from_vertices(poles)[1], radial.from_vertex(11))
+    np.testing.assert_allclose(geodesics.from_vertices(poles), arcs, atol=0.0035 * np.pi * UNIT)
+    np.testing.assert_array_equal(geodesics.from_vertices(poles)[1], geodesics.from_vertex(11))
 
 
 def test_distances_hardly_depend_on_how_finely_the_surface_is_meshed():
@@ -53,20 +53,20 @@ def test_distances_hardly_depend_on_how_finely_the_surface_is_meshed():
     shared = np.arange(120 * 60).reshape(120, 60)[::2, ::2].ravel()
     np.testing.assert_array_equal(fine[0][shared], coarse[0])
     change = (
-        RadialDistances(*coarse).from_vertex(5)
-        - RadialDistances(*fine).from_vertex(shared[5])[shared]
+        GeodesicDistances(*coarse).from_vertex(5)
+        - GeodesicDistances(*fine).from_vertex(shared[5])[shared]
     )
     assert np.abs(change).max() < 0.005
     # With a mean edge for the diffusion length, they do.
     usual = HeatSolver(*coarse).distances([5]) - HeatSolver(*fine).distances([shared[5]])[:, shared]
-    assert np.abs(usual).max() / RadialDistances(*coarse).root_area > 0.02
+    assert np.abs(usual).max() / GeodesicDistances(*coarse).root_area > 0.02
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_distances_do_not_depend_on_place_or_size(scale):
     V, F = torus(40, 20)
-    other = RadialDistances(moved(V, scale, np.random.default_rng(1)), F)
-    own = RadialDistances(V, F)
+    other = GeodesicDistances(moved(V, scale, np.random.default_rng(1)), F)
+    own = GeodesicDistances(V, F)
     assert other.root_area == pytest.approx(scale * own.root_area, rel=1e-12)
     np.testing.assert_allclose(other.from_vertex(3), own.from_vertex(3), rtol=0, atol=1e-9)
 
@@ -74,7 +74,7 @@ def test_distances_do_not_depend_on_place_or_size(scale):
 def test_a_surface_without_area_has_no_unit_of_distance():
     V, F = plane(4)
     with pytest.raises(CapacityError, match="no area"):
-        RadialDistances(V * [1, 0, 0], F)
+        GeodesicDistances(V * [1, 0, 0], F)
 
 
 # Density.
@@ -152,71 +152,71 @@ def test_a_vertex_without_area_gets_a_weight_of_its_own():
 @pytest.fixture(scope="module")
 def ball():
     V, F = icosphere(5)
-    (near,) = measure_from(V, F, np.array([0, 5000]))
-    return near, vertex_weights(near, WIDTH)
+    (field,) = geodesic_fields(V, F, np.array([0, 5000]))
+    return field, vertex_weights(field, WIDTH)
 
 
 def test_area_within_a_distance_is_that_of_a_cap(ball):
-    near, weights = ball
-    area = profiles_of(near, weights, WIDTH, B).area.cumsum(axis=1)
+    field, weights = ball
+    area = profiles_of(field, weights, WIDTH, B).area.cumsum(axis=1)
     reach = (np.arange(B) + 1) / CELLS * WIDTH / UNIT
     cap = 0.5 * (1.0 - np.cos(np.minimum(reach, np.pi)))
     np.testing.assert_allclose(area, [cap, cap], atol=0.005)
-    within = profiles_of(near, weights, WIDTH, B).area_within(np.array([2.0, 9.5]))
+    within = profiles_of(field, weights, WIDTH, B).area_within(np.array([2.0, 9.5]))
     cap = 0.5 * (1.0 - np.cos(np.array([2.0, 9.5]) * WIDTH / UNIT))
     np.testing.assert_allclose(within, np.stack([cap, cap], axis=1), atol=0.005)
 
 
 def test_all_area_and_all_weights_within_reach_are_counted_once(ball):
-    near, weights = ball
-    farthest = int(near.H.max() * CELLS / WIDTH) + 1
-    whole = profiles_of(near, weights, WIDTH, farthest)
+    field, weights = ball
+    farthest = int(field.H.max() * CELLS / WIDTH) + 1
+    whole = profiles_of(field, weights, WIDTH, farthest)
     np.testing.assert_allclose(whole.area.sum(axis=1), 1.0)
     np.testing.assert_allclose(whole.weight.sum(axis=1), weights.sum())
     np.testing.assert_allclose(whole.square.sum(axis=1), (weights**2).sum())
     # And what is farther away is left out, not heaped at the end.
-    some = profiles_of(near, weights, WIDTH, 5 * CELLS)
+    some = profiles_of(field, weights, WIDTH, 5 * CELLS)
     np.testing.assert_array_equal(some.weight, whole.weight[:, : 5 * CELLS])
     np.testing.assert_array_equal(some.area, whole.area[:, : 5 * CELLS])
-    within = near.H < 5 * WIDTH
+    within = field.H < 5 * WIDTH
     np.testing.assert_allclose(some.weight.sum(axis=1), within @ weights)
 
 
 @pytest.mark.parametrize("far", [1e18, 1e38, 1e300, np.inf])
 def test_what_is_farther_away_than_any_integer_is_left_out(ball, far):
-    near, weights = ball
-    beyond = near.H > 5 * WIDTH
-    distant = replace(near, H=np.where(beyond, far, near.H))
+    field, weights = ball
+    beyond = field.H > 5 * WIDTH
+    distant = replace(field, H=np.where(beyond, far, field.H))
     with np.errstate(all="raise", under="ignore"):
         some = profiles_of(distant, weights, WIDTH, 5 * CELLS)
     np.testing.assert_allclose(some.weight.sum(axis=1), ~beyond @ weights)
 
 
 def test_the_border_lies_where_it_is_and_is_as_long_as_it_is(ball):
-    near, weights = ball
-    assert not profiles_of(near, weights, WIDTH, B).border.any()
+    field, weights = ball
+    assert not profiles_of(field, weights, WIDTH, B).border.any()
     # What is left of the ball above a plane has a circle for a border, all at one distance.
     V, F = icosphere(5)
     upper = F[np.all(V[F, 2] > 0.3, axis=1)]
     used, upper = np.unique(upper, return_inverse=True)
     V, top = V[used], int(np.argmax(V[used, 2]))
-    (near,) = measure_from(V, upper.reshape(-1, 3), np.array([top]))
-    weights = vertex_weights(near, WIDTH)
-    border = profiles_of(near, weights, WIDTH, 40 * CELLS).border[0]
-    rim = boundary_edges(near.piece.faces)
-    length = np.linalg.norm(near.V[rim[:, 0]] - near.V[rim[:, 1]], axis=1).sum()
-    assert border.sum() == pytest.approx(length / near.unit)
+    (field,) = geodesic_fields(V, upper.reshape(-1, 3), np.array([top]))
+    weights = vertex_weights(field, WIDTH)
+    border = profiles_of(field, weights, WIDTH, 40 * CELLS).border[0]
+    rim = boundary_edges(field.component.faces)
+    length = np.linalg.norm(field.V[rim[:, 0]] - field.V[rim[:, 1]], axis=1).sum()
+    assert border.sum() == pytest.approx(length / field.length_scale)
     where = np.flatnonzero(border) * WIDTH / CELLS
-    angle = np.arccos(near.V[rim[:, 0], 2])
-    assert where.min() >= angle.min() / near.unit - 2.0 * WIDTH
-    assert where.max() <= angle.max() / near.unit + 2.0 * WIDTH
+    angle = np.arccos(field.V[rim[:, 0], 2])
+    assert where.min() >= angle.min() / field.length_scale - 2.0 * WIDTH
+    assert where.max() <= angle.max() / field.length_scale + 2.0 * WIDTH
 
 
 def test_chips_of_an_even_mesh_are_small_and_count_its_vertices(ball):
-    near, weights = ball
-    s, n = measure(profiles_of(near, weights, WIDTH, B), K, np.ones(1), np.zeros(1))
+    field, weights = ball
+    s, n = measure(profiles_of(field, weights, WIDTH, B), K, np.ones(1), np.zeros(1))
     assert np.abs(s).max() < 0.1 * 0.2
-    count = [np.bincount((H / WIDTH).astype(int), minlength=K + 1)[1 : K + 1] for H in near.H]
+    count = [np.bincount((H / WIDTH).astype(int), minlength=K + 1)[1 : K + 1] for H in field.H]
     # Equal weights count in full, and unequal ones less.
     np.testing.assert_allclose(n[0], count, rtol=0.02)
     assert np.all(n[0] <= np.array(count) + 1e-9)

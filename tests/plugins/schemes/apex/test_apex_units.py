@@ -9,8 +9,12 @@ from hypothesis import strategies as st
 
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import capsule, icosphere, side_by_side
-from meshmark_plugins.schemes.apex.anchors.components import reference_lengths, shared_length, split
-from meshmark_plugins.schemes.apex.anchors.detect import VICINITY, measure_from
+from meshmark_plugins.schemes.apex.anchors.components import (
+    large_components,
+    reference_root_area,
+    shared_root_areas,
+)
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import DISC_RADIUS, geodesic_fields
 from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed
 from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.chips.unit_series import (
@@ -77,23 +81,23 @@ def without_top(V, F, height):
 def test_open_pieces_and_the_largest_share_a_length_and_closed_ones_have_their_own():
     large, small = capsule(24, 60), capsule(20, 50, 0.2, 2.0)
     V, F = side_by_side(large, (small[0] + 5.0, small[1]))
-    own = reference_lengths(V, split(V, F))
+    own = shared_root_areas(V, large_components(V, F))
     assert own[0] > 1.4 * own[1]
     cut = without_top(*small, 0.5)
     V, F = side_by_side(large, (cut[0] + 5.0, cut[1]))
-    shared = reference_lengths(V, split(V, F))
-    assert shared[0] == shared[1] == shared_length(V, F) > own[0]
+    shared = shared_root_areas(V, large_components(V, F))
+    assert shared[0] == shared[1] == reference_root_area(V, F) > own[0]
 
 
 def test_a_bulk_is_the_area_about_an_anchor_in_squared_units():
     V, F = icosphere(5)
-    (near,) = measure_from(V, F, np.array([0]))
-    profiles = profiles_of(near, vertex_weights(near, 0.04), 0.04, cells_needed(16, 0.04))
+    (field,) = geodesic_fields(V, F, np.array([0]))
+    profiles = profiles_of(field, vertex_weights(field, 0.04), 0.04, cells_needed(16, 0.04))
     scales = np.array([1.0, 0.8])
     found = bulk(profiles, 0.04, scales)[:, 0]
     # Archimedes: a cap of height h has the area 2 pi r h; root area 1 is a radius of .2821.
     r = 1.0 / np.sqrt(4.0 * np.pi)
-    cap = 2.0 * np.pi * r**2 * (1.0 - np.cos(VICINITY / scales / r)) * scales**2
+    cap = 2.0 * np.pi * r**2 * (1.0 - np.cos(DISC_RADIUS / scales / r)) * scales**2
     np.testing.assert_allclose(found, cap, rtol=0.01)
 
 
@@ -114,9 +118,9 @@ def test_a_layout_gives_every_anchor_a_unit_and_a_word_of_its_own():
     anchors = np.array([len(V) - 1, len(V) - 2])
     layout = lay_out(animation, anchors, TUNING, 1)
     assert layout.anchors is anchors
-    length = shared_length(V, F)
+    length = reference_root_area(V, F)
     np.testing.assert_allclose(layout.units, units(length, np.array([phase_of(length)]))[0])
     # Both ends are alike: neighbouring words.
     assert abs(int(layout.words[0]) - int(layout.words[1])) == 1
-    ((rows, near),) = layout.measured(V, F)
-    np.testing.assert_array_equal(anchors[rows], near.anchors)
+    ((rows, field),) = layout.measured(V, F)
+    np.testing.assert_array_equal(anchors[rows], field.anchors)

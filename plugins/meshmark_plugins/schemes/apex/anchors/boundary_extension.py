@@ -1,4 +1,4 @@
-"""A surface that goes on a little beyond its border."""
+"""Extension of a surface beyond its border."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, sum_at_corners, unit
 from meshmark.mesh.topology import boundary_edges
 
-# Rings of triangles, and rounds in which neighbours along the border agree where outwards is:
-# what a cut leaves is a saw's teeth.
-RINGS, ROUNDS = 3, 10
+# Rings of triangles that the strip consists of.
+STRIP_RINGS = 3
+# Rounds in which outward directions are averaged along the border: what a cut leaves is a saw's
+# teeth.
+DIRECTION_SMOOTHING_ROUNDS = 10
 
 
-def with_collar(
-    V: FloatArray, F: IntArray, width: float, shortest: float = 0.0
+def extend_boundary(
+    V: FloatArray, F: IntArray, width: float, min_length: float = 0.0
 ) -> tuple[FloatArray, IntArray]:
-    """Extend a surface by a strip along its borders, straight on.
+    """Extend a surface beyond its borders by a strip that goes straight on.
 
     Parameters
     ----------
@@ -27,32 +29,32 @@ def with_collar(
     F : (F, 3) int
         Triangles, turned alike; their borders need not be simple loops.
     width : float
-        How far the strip reaches, in the unit of `V`.
-    shortest : float
-        Length that a border must have: it is left alone if it is shorter, as that of a nostril.
+        Width of the strip, in the lengths of `V`.
+    min_length : float
+        Shorter borders, such as that of a nostril, are left alone.
 
     Returns
     -------
-    V : (N + B RINGS, 3) float64
+    V : (N + B STRIP_RINGS, 3) float64
         The same vertices, then copies of the B on those borders, moved outwards.
-    F : (F + 2 E RINGS, 3) int
+    F : (F + 2 E STRIP_RINGS, 3) int
         The same triangles, then two for each of the E border edges and each ring.
     """
     sides, opposite = _border(F)
     if not len(sides):
         return V, F
-    long = _border_lengths(V, sides) >= shortest
+    long = _border_lengths(V, sides) >= min_length
     sides, opposite = sides[long], opposite[long]
     if not len(sides):
         return V, F
-    border, place = np.unique(sides, return_inverse=True)
-    place = place.reshape(sides.shape)
-    outwards = _outwards(V, sides, opposite, place, len(border))
-    away = width * np.arange(1, RINGS + 1)[:, None, None] / RINGS
-    rings = len(V) + np.arange(len(border) * RINGS).reshape(RINGS, -1)
+    border, index = np.unique(sides, return_inverse=True)
+    index = index.reshape(sides.shape)
+    outwards = _outwards(V, sides, opposite, index, len(border))
+    away = width * np.arange(1, STRIP_RINGS + 1)[:, None, None] / STRIP_RINGS
+    rings = len(V) + np.arange(len(border) * STRIP_RINGS).reshape(STRIP_RINGS, -1)
     inner = np.concatenate([border[None], rings[:-1]])
-    a, b = (inner[:, place[:, end]].ravel() for end in (0, 1))
-    c, d = (rings[:, place[:, end]].ravel() for end in (0, 1))
+    a, b = (inner[:, index[:, end]].ravel() for end in (0, 1))
+    c, d = (rings[:, index[:, end]].ravel() for end in (0, 1))
     strip = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
     moved = (V[border] + away * outwards).reshape(-1, 3)
     return np.concatenate([V, moved]), np.concatenate([F, strip])
@@ -82,7 +84,7 @@ def _border_lengths(V: FloatArray, sides: IntArray) -> FloatArray:
 
 
 def _outwards(
-    V: FloatArray, sides: IntArray, opposite: IntArray, place: IntArray, n: int
+    V: FloatArray, sides: IntArray, opposite: IntArray, index: IntArray, n: int
 ) -> FloatArray:
     """Directions in which the surface would go on at its n border vertices, (n, 3)."""
     along = V[sides[:, 1]] - V[sides[:, 0]]
@@ -90,7 +92,7 @@ def _outwards(
     direction = unit(along)
     inwards = inwards - np.vecdot(inwards, direction)[:, None] * direction
     pull = -unit(inwards) * lengths(along)[:, None]
-    outwards = unit(sum_at_corners(pull, place, n))
-    for _ in range(ROUNDS):
-        outwards = unit(sum_at_corners(outwards[place].sum(axis=1), place, n))
+    outwards = unit(sum_at_corners(pull, index, n))
+    for _ in range(DIRECTION_SMOOTHING_ROUNDS):
+        outwards = unit(sum_at_corners(outwards[index].sum(axis=1), index, n))
     return outwards

@@ -1,4 +1,4 @@
-"""The connected pieces of a mesh that are large enough to carry anything."""
+"""The connected components of a mesh that are large enough to carry anything."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges, face_components
 
-# Smaller pieces (eyes, buttons) have no tips of their own worth marking.
-LEAST_SHARE = 0.02
+# Smaller components (eyes, buttons) have no tips of their own worth marking.
+MIN_AREA_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """An edge-connected piece of a mesh.
+class Component:
+    """An edge-connected component of a mesh.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ class Piece:
     faces: IntArray
 
 
-def split(V: FloatArray, F: IntArray, label: IntArray | None = None) -> list[Piece]:
-    """Split a mesh into its connected pieces of at least `LEAST_SHARE` of the area.
+def large_components(V: FloatArray, F: IntArray, label: IntArray | None = None) -> list[Component]:
+    """Split a mesh into its connected components of at least `MIN_AREA_SHARE` of the area.
 
     Parameters
     ----------
@@ -40,29 +40,29 @@ def split(V: FloatArray, F: IntArray, label: IntArray | None = None) -> list[Pie
     F : (F, 3) int
         Triangles.
     label : (F,) int, optional
-        Its edge-connected components, where they are known.
+        Edge-connected component of each triangle, where it is known.
 
     Returns
     -------
-    list of Piece
+    list of Component
         The largest first; of equal ones, the one whose first triangle comes first.
     """
     label = face_components(F) if label is None else label
     areas = np.bincount(label, face_areas(V, F))
-    large = np.flatnonzero(areas >= LEAST_SHARE * areas.sum())
-    first = np.array([int(np.argmax(label == component)) for component in large])
+    large = np.flatnonzero(areas >= MIN_AREA_SHARE * areas.sum())
+    first = np.array([int(np.argmax(label == number)) for number in large])
     ordered = large[np.lexsort((first, -areas[large]))]
-    return [_piece(F[label == component]) for component in ordered]
+    return [_component(F[label == number]) for number in ordered]
 
 
-def reference_lengths(V: FloatArray, pieces: list[Piece]) -> list[float]:
-    """Tell in which length each piece of a mesh is measured.
+def shared_root_areas(V: FloatArray, components: list[Component]) -> list[float]:
+    """Compute the root area in which each component of a mesh is measured.
 
-    The largest piece, and all that have a border, are measured in the square root of their area
-    together: they may have been one before a cut. Others are closed, and measured in their own.
+    The largest component, and all that have a border, are measured in the square root of their
+    area together: a cut may have parted them. Others are closed, and measured in their own.
     """
-    areas = [float(face_areas(V[piece.vertices], piece.faces).sum()) for piece in pieces]
-    joined = [i == 0 or boundary_edges(piece.faces).size > 0 for i, piece in enumerate(pieces)]
+    areas = [float(face_areas(V[part.vertices], part.faces).sum()) for part in components]
+    joined = [i == 0 or boundary_edges(part.faces).size > 0 for i, part in enumerate(components)]
     shared = sum(area for area, is_joined in zip(areas, joined, strict=True) if is_joined)
     return [
         float(np.sqrt(shared if is_joined else area))
@@ -70,11 +70,11 @@ def reference_lengths(V: FloatArray, pieces: list[Piece]) -> list[float]:
     ]
 
 
-def shared_length(V: FloatArray, F: IntArray) -> float:
-    """Length in which the largest piece of a mesh is measured."""
-    return reference_lengths(V, split(V, F))[0]
+def reference_root_area(V: FloatArray, F: IntArray) -> float:
+    """Root area in which the largest component of a mesh is measured."""
+    return shared_root_areas(V, large_components(V, F))[0]
 
 
-def _piece(F: IntArray) -> Piece:
+def _component(F: IntArray) -> Component:
     vertices, local = np.unique(F, return_inverse=True)
-    return Piece(vertices, local.reshape(-1, 3))
+    return Component(vertices, local.reshape(-1, 3))

@@ -1,107 +1,71 @@
-"""A look at one frame: its pieces, their anchors, and the distances from them."""
+"""Detection of anchors, the tips of a shape's protrusions, in one frame alone."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import vertex_areas
-from meshmark_plugins.schemes.apex.anchors.components import Piece, reference_lengths, split
-from meshmark_plugins.schemes.apex.anchors.geodesics import RadialDistances
-from meshmark_plugins.schemes.apex.anchors.integral_distance import find_anchors
-from meshmark_plugins.schemes.apex.anchors.persistence import Maxima
+from meshmark.mesh.topology import boundary_edges, vertex_adjacency
+from meshmark_plugins.schemes.apex.anchors.components import (
+    Component,
+    large_components,
+    shared_root_areas,
+)
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, measure_field
+from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
+from meshmark_plugins.schemes.apex.anchors.persistence import Maxima, persistent_maxima
 
-# What counts as the neighbourhood of an anchor, in root areas.
-VICINITY = 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class Neighbourhood:
-    """The anchors of one piece of a frame, and how far everything is from them.
-
-    Parameters
-    ----------
-    piece : Piece
-        Which vertices and triangles.
-    V : (n, 3) float64
-        Positions of the piece's vertices.
-    unit : float
-        Length in which distances are given; see `reference_lengths`.
-    whole : float
-        That of the largest piece of the mesh.
-    anchors : (m,) int
-        Vertices of the mesh (not of the piece).
-    persistence : (m,) float64
-        How far each stands out, in root areas; 0 where it was given, not found.
-    H : (m, n) float64
-        Distance of the piece's vertices from each anchor, in units.
-    """
-
-    piece: Piece
-    V: FloatArray
-    unit: float
-    whole: float
-    anchors: IntArray
-    persistence: FloatArray
-    H: FloatArray
-
-    @property
-    def bulk(self) -> FloatArray:
-        """Share of the piece's area within `VICINITY` of each anchor, (m,).
-
-        It tells a nose from a hoof from a tail, and hardly changes as the body moves.
-        """
-        return self._shares((self.H < VICINITY).astype(np.float64))
-
-    def in_units(self, factor: float) -> Neighbourhood:
-        """Give the same distances in units that are so many times as long."""
-        return replace(self, unit=self.unit * factor, H=self.H / factor)
-
-    @property
-    def remoteness(self) -> FloatArray:
-        """Mean distance of the piece's surface from each anchor, (m,), in root areas."""
-        return self._shares(self.H)
-
-    def _shares(self, values: FloatArray) -> FloatArray:
-        areas = vertex_areas(self.V, self.piece.faces)
-        return values @ areas / areas.sum()
+# How far below a maximum its cap reaches, in root areas.
+CAP_HEIGHT = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """The anchors of one piece of a frame, before distances from them are measured.
+class ComponentAnchors:
+    """The anchors of one component of a frame, before distances from them are measured.
 
     Parameters
     ----------
-    piece : Piece
+    component : Component
         Which vertices and triangles.
     V : (n, 3) float64
-        Positions of the piece's vertices.
-    lengths : (float, float)
-        Reference lengths of the piece, and of the largest one.
-    radial : RadialDistances
+        Positions of the component's vertices.
+    root_areas : (float, float)
+        Root area in which the component is measured, and that of the largest one.
+    geodesics : GeodesicDistances
         Its distances.
     maxima : Maxima
-        The anchors, vertices of the piece.
+        The anchors, vertices of the component.
     """
 
-    piece: Piece
+    component: Component
     V: FloatArray
-    lengths: tuple[float, float]
-    radial: RadialDistances
+    root_areas: tuple[float, float]
+    geodesics: GeodesicDistances
     maxima: Maxima
 
-    def measured(self) -> Neighbourhood:
-        """Measure from the anchors."""
-        vertices, persistence = self.maxima.vertices, self.maxima.persistence
-        return _measured(self.piece, self.lengths, self.V, self.radial, vertices, persistence)
+    def geodesic_field(self) -> GeodesicField:
+        """Measure distances from the anchors."""
+        return measure_field(
+            self.component,
+            self.V,
+            self.root_areas,
+            self.geodesics,
+            self.maxima.vertices,
+            self.maxima.persistence,
+        )
 
 
-def look(V: FloatArray, F: IntArray, least: float, most: int) -> list[Look]:
-    """Find the anchors of a mesh, piece by piece.
+def detect_anchors(
+    V: FloatArray, F: IntArray, min_persistence: float, max_anchors: int
+) -> list[ComponentAnchors]:
+    """Detect the anchors of a mesh, component by component.
 
     Parameters
     ----------
@@ -109,50 +73,64 @@ def look(V: FloatArray, F: IntArray, least: float, most: int) -> list[Look]:
         Vertex positions.
     F : (F, 3) int
         Triangles.
-    least : float
-        Least persistence of an anchor, in root areas of its piece.
-    most : int
-        Most anchors, over all pieces.
+    min_persistence : float
+        Least persistence of an anchor, in root areas of its component.
+    max_anchors : int
+        Most anchors, over all components: the most persistent ones are kept.
 
     Raises
     ------
     CapacityError
         If there is no anchor.
     """
-    pieces = split(V, F)
-    units = reference_lengths(V, pieces)
-    found: list[Look] = []
-    for piece, unit in zip(pieces, units, strict=True):
-        points = V[piece.vertices]
-        radial = RadialDistances(points, piece.faces)
-        maxima = find_anchors(points, piece.faces, radial, least, most)
+    components = large_components(V, F)
+    root_areas = shared_root_areas(V, components)
+    found: list[ComponentAnchors] = []
+    for component, root_area in zip(components, root_areas, strict=True):
+        points = V[component.vertices]
+        geodesics = GeodesicDistances(points, component.faces)
+        maxima = surface_anchors(points, component.faces, geodesics, min_persistence, max_anchors)
         if maxima.vertices.size:
-            found.append(Look(piece, points, (unit, units[0]), radial, maxima))
+            lengths = (root_area, root_areas[0])
+            found.append(ComponentAnchors(component, points, lengths, geodesics, maxima))
     if not found:
         raise CapacityError(
             "no part of the mesh sticks out far enough to measure from: "
             "a mark needs tips such as hands, feet, ears or a tail"
         )
-    persistence = np.concatenate([piece.maxima.persistence for piece in found])
+    persistence = np.concatenate([each.maxima.persistence for each in found])
     chosen = np.zeros(len(persistence), dtype=bool)
-    chosen[np.argsort(-persistence, kind="stable")[:most]] = True
-    ends = np.cumsum([len(piece.maxima.vertices) for piece in found])[:-1]
+    chosen[np.argsort(-persistence, kind="stable")[:max_anchors]] = True
+    ends = np.cumsum([len(each.maxima.vertices) for each in found])[:-1]
     return [
-        replace(piece, maxima=piece.maxima.only(kept))
-        for piece, kept in zip(found, np.split(chosen, ends), strict=True)
+        replace(each, maxima=each.maxima.subset(kept))
+        for each, kept in zip(found, np.split(chosen, ends), strict=True)
         if kept.any()
     ]
 
 
-def survey(V: FloatArray, F: IntArray, least: float, most: int) -> list[Neighbourhood]:
-    """Find the anchors of a mesh, and measure from them; parameters and errors as of `look`."""
-    return [piece.measured() for piece in look(V, F, least, most)]
+def surface_anchors(
+    V: FloatArray,
+    F: IntArray,
+    geodesics: GeodesicDistances,
+    min_persistence: float,
+    max_anchors: int,
+) -> Maxima:
+    """Detect the anchors of one connected surface, the most persistent first.
+
+    Parameters are those of `detect_anchors`; `geodesics` are the surface's distances.
+    """
+    f = integral_distance(V, F, geodesics)
+    found = persistent_maxima(f, F, min_persistence)
+    centres = cap_centres(V, F, f, found.vertices[:max_anchors])
+    return Maxima(centres, found.persistence[:max_anchors])
 
 
-def measure_from(
-    V: FloatArray, F: IntArray, anchors: IntArray, label: IntArray | None = None
-) -> list[Neighbourhood]:
-    """Measure from anchors that are known already, piece by piece.
+def cap_centres(V: FloatArray, F: IntArray, f: FloatArray, maxima: IntArray) -> IntArray:
+    """Move each maximum to the middle of its cap, where f is at most `CAP_HEIGHT` below it.
+
+    The tip of a hoof or a hand is blunt: which of its vertices is the highest is decided by a
+    hair, and another one is in the next pose. The middle of the tip stays.
 
     Parameters
     ----------
@@ -160,48 +138,41 @@ def measure_from(
         Vertex positions.
     F : (F, 3) int
         Triangles.
-    anchors : (m,) int
-        Vertices.
-    label : (F,) int, optional
-        The edge-connected components of the triangles, where they are known.
+    f : (N,) float64
+        The function.
+    maxima : (m,) int
+        Its maxima.
 
-    Raises
-    ------
-    CapacityError
-        If one of them lies in no piece.
+    Returns
+    -------
+    (m,) int
+        The vertex of each cap that is nearest to its centre of gravity; a maximum on a border
+        stays there, so that it can be told from a tip.
     """
-    found, left = [], len(anchors)
-    pieces = split(V, F, label)
-    units = reference_lengths(V, pieces)
-    for piece, unit in zip(pieces, units, strict=True):
-        place = np.full(len(V), -1)
-        place[piece.vertices] = np.arange(len(piece.vertices))
-        own = place[anchors][place[anchors] >= 0]
-        if own.size:
-            points = V[piece.vertices]
-            radial = RadialDistances(points, piece.faces)
-            lengths = (unit, units[0])
-            found.append(_measured(piece, lengths, points, radial, own, np.zeros(len(own))))
-            left -= len(own)
-    if left:
-        raise CapacityError("an anchor lies in a piece that is too small in some frame")
-    return found
+    areas = vertex_areas(V, F)
+    adjacency = vertex_adjacency(F, len(V))
+    border = np.zeros(len(V), dtype=bool)
+    border[boundary_edges(F)] = True
+    centres = [
+        int(top) if border[top] else _cap_centre(V, f, areas, adjacency, int(top)) for top in maxima
+    ]
+    return np.array(centres, dtype=np.int64)
 
 
-def _measured(
-    piece: Piece,
-    lengths: tuple[float, float],
-    points: FloatArray,
-    radial: RadialDistances,
-    anchors: IntArray,
-    persistence: FloatArray,
-) -> Neighbourhood:
-    return Neighbourhood(
-        piece=piece,
-        V=points,
-        unit=lengths[0],
-        whole=lengths[1],
-        anchors=piece.vertices[anchors],
-        persistence=persistence,
-        H=radial.from_vertices(anchors) * (radial.root_area / lengths[0]),
-    )
+def _cap_centre(
+    V: FloatArray, f: FloatArray, areas: FloatArray, adjacency: csr_matrix, top: int
+) -> int:
+    high = np.flatnonzero(f >= f[top] - CAP_HEIGHT)
+    label = connected_components(adjacency[high][:, high], directed=False)[1]
+    cap = high[label == label[np.searchsorted(high, top)]]
+    centre = areas[cap] @ V[cap] / areas[cap].sum()
+    return int(cap[np.argmin(np.sum((V[cap] - centre) ** 2, axis=1))])
+
+
+def distance_to_border(V: FloatArray, F: IntArray, vertices: IntArray) -> FloatArray:
+    """Straight distance of vertices from the surface's border, (m,) float64; inf without one."""
+    border = np.unique(boundary_edges(F))
+    if border.size == 0:
+        return np.full(len(vertices), np.inf)
+    gaps = V[vertices][:, None] - V[border][None]
+    return np.linalg.norm(gaps, axis=2).min(axis=1)

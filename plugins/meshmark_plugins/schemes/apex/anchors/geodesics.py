@@ -1,4 +1,4 @@
-"""Distances along the surface that do not depend on how finely it is meshed."""
+"""Geodesic distances that do not depend on how finely the surface is meshed."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import face_areas, lengths
 from meshmark.mesh.topology import edges
-from meshmark_plugins.schemes.apex.anchors.boundary_extension import with_collar
+from meshmark_plugins.schemes.apex.anchors.boundary_extension import extend_boundary
 
 # Diffusion length of the heat flow in root areas. The usual choice, a mean edge, ties distances
 # to the sampling, which is what attacks change.
-DIFFUSION = 0.2
+DIFFUSION_LENGTH = 0.2
 # Width in root areas of the strip by which borders are extended first. Heat does not flow over a
-# border, which bends distances near a cut; with more to flow into, they stay what they were.
-COLLAR = 0.1
-# Length in root areas from which on a border is so extended: a hole that is small beside the
-# diffusion length bends little.
-SHORTEST_BORDER = 0.3
+# border, which bends distances near a cut; with more surface to flow into, they stay as they were.
+EXTENSION_WIDTH = 0.1
+# Shorter borders, in root areas, are not extended: a hole that is small beside the diffusion length
+# bends distances little.
+MIN_BORDER_LENGTH = 0.3
 
 
-class RadialDistances:
+class GeodesicDistances:
     """Heat-method distances [1]_ with a time of flow fixed by the surface, not by its mesh.
 
     Parameters
@@ -54,13 +54,15 @@ class RadialDistances:
         if self.root_area == 0.0:
             raise CapacityError("the surface has no area")
         self._n = len(V)
-        U, F = with_collar((V - V.mean(axis=0)) / self.root_area, F, COLLAR, SHORTEST_BORDER)
+        U, F = extend_boundary(
+            (V - V.mean(axis=0)) / self.root_area, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH
+        )
         E = edges(F)
         mean_edge = float(lengths(U[E[:, 0]] - U[E[:, 1]]).mean())
         try:
             # The solver takes time in squared mean edges.
             self._solver = pp3d.MeshHeatMethodDistanceSolver(
-                U, F, (DIFFUSION / mean_edge) ** 2, True
+                U, F, (DIFFUSION_LENGTH / mean_edge) ** 2, True
             )
         except (RuntimeError, ValueError) as error:
             raise CapacityError(f"distances cannot be measured: {_first_line(error)}") from error

@@ -1,4 +1,4 @@
-"""Local maxima of a function on a mesh, and how far each stands out."""
+"""Local maxima of a function on a mesh, and their persistence."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Maxima:
     vertices: IntArray
     persistence: FloatArray
 
-    def only(self, kept: NDArray[np.bool_]) -> Maxima:
-        """Leave out those that are not kept, (m,) bool."""
+    def subset(self, kept: NDArray[np.bool_]) -> Maxima:
+        """Select the maxima that are kept, (m,) bool."""
         return Maxima(self.vertices[kept], self.persistence[kept])
 
 
-def persistent_maxima(f: FloatArray, F: IntArray, least: float) -> Maxima:
-    """Find the local maxima of f with 0-dimensional persistence of at least `least`.
+def persistent_maxima(f: FloatArray, F: IntArray, min_persistence: float) -> Maxima:
+    """Find the local maxima of f with 0-dimensional persistence of at least `min_persistence`.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ def persistent_maxima(f: FloatArray, F: IntArray, least: float) -> Maxima:
         Function values at the vertices of a connected mesh.
     F : (F, 3) int
         Triangles.
-    least : float
+    min_persistence : float
         Smallest persistence to report.
 
     Notes
     -----
-    Lower superlevel sets swallow maxima one by one; where two meet, the lower maximum dies
-    (the elder rule [1]_), of equal ones the one with the higher index. Every vertex belongs to
-    the maximum that steepest ascent leads to, so that only the highest passes between these
-    basins have to be looked at.
+    As the level falls, the components of the superlevel set grow. Where two meet, the lower
+    maximum dies (the elder rule [1]_), of equal ones the one with the higher index. Every vertex
+    belongs to the maximum that steepest ascent leads to, so that only the highest passes between
+    these basins have to be looked at.
 
     References
     ----------
@@ -71,7 +71,7 @@ def persistent_maxima(f: FloatArray, F: IntArray, least: float) -> Maxima:
     _, first = np.unique(a[by_height] * n + b[by_height], return_index=True)
     passes = by_height[np.sort(first)]
     died = _elder_rule(np.unique(basin), a[passes], b[passes], level[passes], f[order])
-    ranks = np.array([r for r, p in died.items() if p >= least], dtype=np.int64)
+    ranks = np.array([r for r, p in died.items() if p >= min_persistence], dtype=np.int64)
     persistence = np.array([died[int(r)] for r in ranks])
     by_persistence = np.lexsort((ranks, -persistence))
     return Maxima(order[ranks[by_persistence]], persistence[by_persistence])

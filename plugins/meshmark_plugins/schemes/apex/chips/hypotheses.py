@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
-from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import DISC_RADIUS
 from meshmark_plugins.schemes.apex.chips.radial_histogram import CELLS, Profiles
 from meshmark_plugins.schemes.apex.chips.unit_series import LOWEST, PERIOD, members, scale, units
 
@@ -94,7 +94,7 @@ class Guesses:
 
 def cells_needed(n_bins: int, width: float) -> int:
     """Count the cells a profile must have for every reading to see all of its bins."""
-    farthest = max((n_bins + 1 - OFFSETS.min()) * width, VICINITY)
+    farthest = max((n_bins + 1 - OFFSETS.min()) * width, DISC_RADIUS)
     longest = float(scale(np.array(LOWEST + PERIOD))) / STRAYS.min()
     return int(np.ceil(farthest * longest / width)) * CELLS
 

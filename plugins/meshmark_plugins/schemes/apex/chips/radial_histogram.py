@@ -9,7 +9,7 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.chips.whitening import whitening
 
 # Cells a bin: fine enough that rounding to a cell costs a chip less than a hundredth.
@@ -47,17 +47,17 @@ class Profiles:
         return np.array([np.interp(radii, ends, row) for row in total]).T
 
 
-def vertex_weights(near: Neighbourhood, width: float) -> FloatArray:
+def vertex_weights(field: GeodesicField, width: float) -> FloatArray:
     """Whitening weights of a piece's vertices, (n,), on the scale of half a bin."""
-    return whitening(near.V, near.piece.faces, near.unit, width / 2.0)
+    return whitening(field.V, field.component.faces, field.length_scale, width / 2.0)
 
 
-def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells: int) -> Profiles:
+def profiles_of(field: GeodesicField, weights: FloatArray, width: float, n_cells: int) -> Profiles:
     """Sort the vertices and the area of a piece by their distance from each anchor.
 
     Parameters
     ----------
-    near : Neighbourhood
+    field : Neighbourhood
         The piece and its distances.
     weights : (n,) float64
         Weight of each vertex.
@@ -66,14 +66,14 @@ def profiles_of(near: Neighbourhood, weights: FloatArray, width: float, n_cells:
     n_cells : int
         B; what lies farther away is left out.
     """
-    F = near.piece.faces
-    areas = face_areas(near.V, F) / near.unit**2
+    F = field.component.faces
+    areas = face_areas(field.V, F) / field.length_scale**2
     quarter = np.repeat(areas / len(SPREAD), len(SPREAD))
     rim = boundary_edges(F)
-    lengths = np.linalg.norm(near.V[rim[:, 0]] - near.V[rim[:, 1]], axis=1) / near.unit
+    lengths = np.linalg.norm(field.V[rim[:, 0]] - field.V[rim[:, 1]], axis=1) / field.length_scale
     quarters = np.repeat(lengths / len(ALONG), len(ALONG))
     rows: list[tuple[FloatArray, ...]] = []
-    for H in near.H:
+    for H in field.H:
         own, spread, along = (
             # What is far beyond the last cell would be beyond the integers, too.
             np.minimum(distances * (CELLS / width), n_cells).astype(np.int64).ravel()

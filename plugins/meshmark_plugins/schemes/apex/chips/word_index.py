@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark_plugins.schemes.apex.anchors.detect import VICINITY
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import DISC_RADIUS
 from meshmark_plugins.schemes.apex.chips.radial_histogram import Profiles
 
 # Words are listed by bulk, in steps of its logarithm, from the least there could be.
@@ -14,7 +14,7 @@ N_WORDS, STEP, LEAST_BULK = 96, 0.07, 0.001
 
 
 def bulk(profiles: Profiles, width: float, scales: FloatArray) -> FloatArray:
-    """Area within `VICINITY` of each anchor, in squared units, (G, C) float64.
+    """Area within `DISC_RADIUS` of each anchor, in squared units, (G, C) float64.
 
     It tells a nose from a hoof from a tail, hardly changes as the body moves, and knows nothing of
     what was cut away farther off.
@@ -28,7 +28,7 @@ def bulk(profiles: Profiles, width: float, scales: FloatArray) -> FloatArray:
     scales : (G,) float64
         Factor that turns distances into units.
     """
-    area = profiles.area_within(VICINITY / (width * scales))
+    area = profiles.area_within(DISC_RADIUS / (width * scales))
     return area * scales[:, None] ** 2
 
 

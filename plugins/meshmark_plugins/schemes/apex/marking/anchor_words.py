@@ -9,7 +9,7 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood, measure_from
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, geodesic_fields
 from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed
 from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
 from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
@@ -40,13 +40,13 @@ class Layout:
 
     def measured(
         self, V: FloatArray, F: IntArray, label: IntArray | None = None
-    ) -> list[tuple[IntArray, Neighbourhood]]:
+    ) -> list[tuple[IntArray, GeodesicField]]:
         """Measure from the anchors in root areas, piece by piece; with which of them each has.
 
-        Parameters are those of `measure_from`.
+        Parameters are those of `geodesic_fields`.
         """
-        nears = measure_from(V, F, self.anchors, label)
-        return [(_rows(self.anchors, near.anchors), near) for near in nears]
+        fields = geodesic_fields(V, F, self.anchors, label)
+        return [(_rows(self.anchors, field.anchors), field) for field in fields]
 
 
 def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning, jobs: int) -> Layout:
@@ -58,11 +58,11 @@ def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning, jobs: i
         If distances cannot be measured.
     """
     first = animation[0]
-    nears = measure_from(first.points, first.faces, anchors)
-    phase = np.array([phase_of(nears[0].whole)])
+    fields = geodesic_fields(first.points, first.faces, anchors)
+    phase = np.array([phase_of(fields[0].reference_root_area)])
     unit = np.empty(len(anchors))
-    for near in nears:
-        unit[_rows(anchors, near.anchors)] = units(near.unit, phase)
+    for field in fields:
+        unit[_rows(anchors, field.anchors)] = units(field.length_scale, phase)
     chosen = np.linspace(0, len(animation) - 1, min(FRAMES, len(animation))).round()
     find = _FindPlaces(animation, anchors, unit, tuning)
     places = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))
@@ -81,11 +81,11 @@ class _FindPlaces:
     def __call__(self, index: int) -> FloatArray:
         frame, tuning = self.animation[index], self.tuning
         places = np.empty(len(self.anchors))
-        for near in measure_from(frame.points, frame.faces, self.anchors):
-            rows = _rows(self.anchors, near.anchors)
-            weights = vertex_weights(near, tuning.width)
+        for field in geodesic_fields(frame.points, frame.faces, self.anchors):
+            rows = _rows(self.anchors, field.anchors)
+            weights = vertex_weights(field, tuning.width)
             n_cells = cells_needed(tuning.bins, tuning.width)
-            profiles = profiles_of(near, weights, tuning.width, n_cells)
+            profiles = profiles_of(field, weights, tuning.width, n_cells)
             of_units = bulk(profiles, tuning.width, 1.0 / self.unit[rows[:1]])
             places[rows] = place_of(of_units)[0]
         return places

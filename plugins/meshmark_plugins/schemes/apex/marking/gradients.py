@@ -9,41 +9,41 @@ from scipy.sparse import csr_matrix, vstack
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 
 
-def distance_directions(near: Neighbourhood) -> FloatArray:
+def distance_directions(field: GeodesicField) -> FloatArray:
     """Compute at vertices where the distance from each anchor grows, (m, n, 3), unit vectors.
 
     Shorter than 1 where the triangles about a vertex disagree, as at the anchor and where paths
     from two sides meet.
     """
-    V, F = near.V, near.piece.faces
+    V, F = field.V, field.component.faces
     vectors = area_vectors(V, F)
     areas = lengths(vectors)
     normals = unit(vectors)
     opposite = [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)]
     about = np.maximum(sum_at_corners(areas, F, len(V)), 1e-300)[:, None]
     directions = []
-    for H in near.H:
+    for H in field.H:
         slope = unit(sum(H[F[:, k], None] * opposite[k] for k in range(3)))
         directions.append(sum_at_corners(areas[:, None] * slope, F, len(V)) / about)
     return np.array(directions)
 
 
-def slid(near: Neighbourhood, V: FloatArray) -> Neighbourhood:
+def slid(field: GeodesicField, V: FloatArray) -> GeodesicField:
     """Tell how far everything is from the anchors once vertices have slid a little, to V (n, 3).
 
     To first order: vertices slide by a tenth of a bin or so, over which the way from an anchor
     hardly turns, and measuring anew takes ten times as long.
     """
-    moves = V - near.V
-    change = np.einsum("mnx,nx->mn", distance_directions(near), moves)
-    return replace(near, V=V, H=np.maximum(near.H + change / near.unit, 0.0))
+    moves = V - field.V
+    change = np.einsum("mnx,nx->mn", distance_directions(field), moves)
+    return replace(field, V=V, H=np.maximum(field.H + change / field.length_scale, 0.0))
 
 
 def chip_gradients(
-    near: Neighbourhood,
+    field: GeodesicField,
     directions: FloatArray,
     weights: FloatArray,
     width: float,
@@ -54,7 +54,7 @@ def chip_gradients(
 
     Parameters
     ----------
-    near : Neighbourhood
+    field : Neighbourhood
         A piece of m anchors.
     directions : (m, n, 3) float64
         Where the distance from each anchor grows, in whatever coordinates vertices move in.
@@ -74,14 +74,14 @@ def chip_gradients(
         mesh. Moves are taken to keep to the surface, and weights to stay.
     """
     rows = [
-        _rows(near, H, direction, weights, width, n_bins, n_points)
-        for H, direction in zip(near.H, directions, strict=True)
+        _rows(field, H, direction, weights, width, n_bins, n_points)
+        for H, direction in zip(field.H, directions, strict=True)
     ]
     return csr_matrix(vstack(rows, format="csr"))
 
 
 def _rows(
-    near: Neighbourhood,
+    field: GeodesicField,
     H: FloatArray,
     direction: FloatArray,
     weights: FloatArray,
@@ -96,9 +96,9 @@ def _rows(
     k, u = k[inside], (x - k)[inside]
     share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]
     # d/du of the phase -sin(2 pi u), over the bin's width in units of the mesh.
-    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * near.unit)
+    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * field.length_scale)
     values = (share * slope)[:, None] * direction[inside]
-    columns = 3 * near.piece.vertices[inside][:, None] + np.arange(3)
+    columns = 3 * field.component.vertices[inside][:, None] + np.arange(3)
     return csr_matrix(
         (values.ravel(), (np.repeat(k, 3), columns.ravel())), shape=(n_bins, 3 * n_points)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.workers.ordered_map import Workers
 from meshmark.workers.scratch import DOUBLE, ScratchFile
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.marking.energy import Energy, energy_over_poses, guarded
 from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Measured, Work
 from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand, displacement
@@ -48,7 +48,7 @@ class Chain:
     """
 
     ask: AskPose
-    guards: list[Neighbourhood]
+    guards: list[GeodesicField]
     workers: Asking
     asked: dict[int, tuple[Demand, Measured]] = field(default_factory=dict)
 
@@ -81,14 +81,14 @@ class Chain:
     def _guarded(self, energy: Energy, poses: list[int]) -> Energy:
         """Make moves dear about the anchors that some poses show."""
         shown = np.concatenate([self.ask.anchors[t] for t in poses])
-        for near in self.guards:
-            H = near.H[np.isin(near.anchors, shown)]
-            energy.blocks[near.piece.vertices] *= guarded(H)[:, None, None]
+        for guard in self.guards:
+            H = guard.H[np.isin(guard.anchors, shown)]
+            energy.blocks[guard.component.vertices] *= guarded(H)[:, None, None]
         return energy
 
 
 def solve_keys(
-    ask: AskPose, guards: list[Neighbourhood], workers: Asking, posed: list[list[int]], jobs: int
+    ask: AskPose, guards: list[GeodesicField], workers: Asking, posed: list[list[int]], jobs: int
 ) -> ScratchFile:
     """Find the displacements of all keys, J arrays (N, 3), from the middle one outwards.
 

@@ -14,7 +14,7 @@ from meshmark.mesh.flip_guard import restrain
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
 from meshmark.workers.scratch import ScratchFile
-from meshmark_plugins.schemes.apex.anchors.detect import measure_from
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
     anchors_in_poses,
@@ -121,7 +121,7 @@ def plan_animation(
     posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
     anchors = anchors_in_poses(frame_anchors, layout.anchors, sorted(set().union(*posed)))
     ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
-    guards = measure_from(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
+    guards = geodesic_fields(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
     with Workers(ask, min(jobs, len(animation))) as workers:
         solved = solve_keys(ask, guards, workers, posed, jobs)
     plan = SurfacePlan(cover, keys, solved, len(layout.anchors))

@@ -17,7 +17,7 @@ from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
-from meshmark_plugins.schemes.apex.anchors.detect import Neighbourhood
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.chips.hypotheses import (
     HOST,
     LEAST_COUNT,
@@ -100,15 +100,17 @@ class Measured:
 
     Parameters
     ----------
-    nears : list of ((m,) int, Neighbourhood)
+    fields : list of ((m,) int, Neighbourhood)
         Piece by piece, with which of the layout's anchors each has.
     """
 
-    nears: list[tuple[IntArray, Neighbourhood]]
+    fields: list[tuple[IntArray, GeodesicField]]
 
     def slid(self, X: FloatArray) -> Measured:
         """Carry the distances along with vertices that have slid a little, to X (N, 3)."""
-        return Measured([(rows, slid(near, X[near.piece.vertices])) for rows, near in self.nears])
+        return Measured(
+            [(rows, slid(field, X[field.component.vertices])) for rows, field in self.fields]
+        )
 
 
 # A question, the frame and the displacement it is about, and what is known of the pose.
@@ -197,15 +199,18 @@ class AskPose:
         """
         K, width = self.tuning.bins, self.tuning.width
         found = []
-        for rows, near in measured.nears:
+        for rows, field in measured.fields:
             unit = float(self.layout.units[rows[0]])
-            s, n, weights = chips_about(near, unit, K, width)
+            s, n, weights = chips_about(field, unit, K, width)
             directions = np.einsum(
-                "nxy,mnx->mny", G[near.piece.vertices], distance_directions(near), optimize=True
+                "nxy,mnx->mny",
+                G[field.component.vertices],
+                distance_directions(field),
+                optimize=True,
             )
-            J = chip_gradients(near.in_units(unit), directions, weights, width, K, len(G))
+            J = chip_gradients(field.rescaled(unit), directions, weights, width, K, len(G))
             found.append((s, n, J))
-        order = np.argsort(np.concatenate([rows for rows, _ in measured.nears]), kind="stable")
+        order = np.argsort(np.concatenate([rows for rows, _ in measured.fields]), kind="stable")
         s, n = (np.concatenate([item[k] for item in found])[order] for k in (0, 1))
         rows = (order[:, None] * K + np.arange(K)).ravel()
         J = found[0][2] if len(found) == 1 else csr_matrix(vstack([item[2] for item in found]))
@@ -224,13 +229,13 @@ def targets(n: FloatArray, strength: float) -> FloatArray:
 
 
 def chips_about(
-    near: Neighbourhood, unit: float, n_bins: int, width: float
+    field: GeodesicField, unit: float, n_bins: int, width: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Measure the chips about the anchors of a piece as they are marked.
 
     Parameters
     ----------
-    near : Neighbourhood
+    field : Neighbourhood
         In root areas.
     unit : float
         The unit of its marks, in root areas.
@@ -242,8 +247,8 @@ def chips_about(
     weights : (n,) float64
         Weights of the piece's vertices.
     """
-    weights = vertex_weights(near, width)
-    profiles = profiles_of(near.in_units(unit), weights, width, cells_needed(n_bins, width))
+    weights = vertex_weights(field, width)
+    profiles = profiles_of(field.rescaled(unit), weights, width, cells_needed(n_bins, width))
     s, n = measure(profiles, n_bins, np.ones(1), np.zeros(1))
     return s[0], n[0], weights
 
@@ -251,7 +256,7 @@ def chips_about(
 def held_chips(V: FloatArray, F: IntArray, layout: Layout, tuning: Tuning) -> int:
     """Count the chips of a mesh that have enough vertices to say something."""
     held = 0
-    for rows, near in layout.measured(V, F):
-        _, n, _ = chips_about(near, float(layout.units[rows[0]]), tuning.bins, tuning.width)
+    for rows, field in layout.measured(V, F):
+        _, n, _ = chips_about(field, float(layout.units[rows[0]]), tuning.bins, tuning.width)
         held += int(np.count_nonzero(n >= LEAST_COUNT))
     return held
