@@ -64,14 +64,14 @@ class Subject:
 
     def distances(self, P: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distances (C, N) from the anchors in units, chips and their counts (C, K)."""
-        tuning, C = self.scheme.tuning, len(self.layout.anchors)
+        parameters, C = self.scheme.parameters, len(self.layout.anchors)
         H = np.full((C, len(P)), np.inf)
-        s = np.full((C, tuning.bins), np.nan)
+        s = np.full((C, parameters.bins), np.nan)
         n = s.copy()
         for rows, field in self.layout.measured(P, F):
             unit = float(self.layout.units[rows[0]])
             H[np.ix_(rows, field.component.vertices)] = field.H / unit
-            s[rows], n[rows], _ = chips_about(field, unit, tuning.bins, tuning.width)
+            s[rows], n[rows], _ = chips_about(field, unit, parameters.bins, parameters.width)
         return H, s, n
 
 
@@ -80,9 +80,9 @@ def subject_of(source: str | None, azimuth: float) -> Subject:
     animation = creature() if asset is None else asset.meshes[0]
     animation = animation.map(Welding.of(animation[0]).frame)
     scheme, jobs = Apex(), default_jobs()
-    layout = require_capacity(FrameAnchors(animation, jobs), scheme.tuning)
+    layout = require_capacity(FrameAnchors(animation, jobs), scheme.parameters)
     words = Key(bytes(range(32))).words("apex", scheme.n_words, scheme.n_chips)
-    plan = plan_animation(animation, words, scheme.tuning, jobs)
+    plan = plan_animation(animation, words, scheme.parameters, jobs)
     shown = (0, len(animation) // 3)
     marked = {t: plan.mark(t, animation[t]) for t in shown}
     up_axis = "Y" if asset is None else asset.up_axis
@@ -160,7 +160,7 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     left = picture(
         P, F, f[:, None], lambda v: linear(plt.cm.YlGnBu_r(norm(v[:, 0]))), view, tips, r
     )
-    K, width = subject.scheme.tuning.bins, subject.scheme.tuning.width
+    K, width = subject.scheme.parameters.bins, subject.scheme.parameters.width
     hues = linear(plt.cm.tab10(np.arange(len(H)) % 10))
 
     def bands(v: FloatArray) -> FloatArray:
@@ -199,7 +199,7 @@ def draw_chips(subject: Subject, path: Path) -> None:
     frame = subject.animation[0]
     _, before, n = subject.distances(frame.points, frame.faces)
     _, after, _ = subject.distances(subject.marked[0], frame.faces)
-    target, C = targets(n, subject.scheme.tuning.strength), len(subject.layout.anchors)
+    target, C = targets(n, subject.scheme.parameters.strength), len(subject.layout.anchors)
     rows = -(-C // 2)
     figure, axes = plt.subplots(
         rows, 2, figsize=(9.4, 1.45 * rows + 0.7), sharex=True, sharey=True, squeeze=False

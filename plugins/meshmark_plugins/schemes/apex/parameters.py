@@ -1,4 +1,4 @@
-"""The numbers of the scheme that whoever marks may choose."""
+"""The parameters of the scheme, which whoever marks may choose."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ WHAT = "scheme apex"
 
 
 @dataclass(frozen=True)
-class Tuning:
-    """How marks are laid out, and how strongly they are pressed in.
+class Parameters:
+    """Where chips lie, how strongly they are driven, and what that may cost.
 
     Parameters
     ----------
     bins : int
         K, bins (and chips) of each anchor; 2 to 64. Detection must know it.
     width : float
-        Width of a bin, in root areas; in (0, 0.5). Detection must know it.
+        P, width of a bin, in units (see `unit_series`); in (0, 0.5). Detection must know it.
     words : int
         Most anchors used, each with a code word of its own; 2 to 10. Detection must know it.
     strength : float
-        How far the mean phase of a bin is driven from that of the bare surface; in (0, 1).
+        Target of a chip, the mean sine of a bin less that of the bare surface; in (0, 1).
     max_mrms : float
         Limit to the mean distance of the marked surface from the original, the larger of both
         directions' RMS, as a share of the bounding box's diagonal; in (0, 0.1).
     hold : int
-        Fewest frames after which the displacement may have changed altogether; 1 to 10000. It
-        is blended in between, so that the mark rests on the moving surface.
+        Keyframe interval: fewest frames after which the displacement may have changed
+        altogether; 1 to 10000. It is blended in between, so that the mark rests on the moving
+        surface.
     """
 
     bins: int

@@ -16,30 +16,37 @@ from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
 from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.anchors.track import MIN_PERSISTENCE_DETECTED, FrameAnchors
-from meshmark_plugins.schemes.apex.chips.hypotheses import (
-    CUT_WORTH,
+from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
+from meshmark_plugins.schemes.apex.chips.scale_hypotheses import (
     OFFSETS,
-    Guesses,
+    ScaleHypotheses,
     cells_needed,
-    measure,
-    soften,
-    worth,
 )
-from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.chips.word_index import N_WORDS, bulk, place_of
+from meshmark_plugins.schemes.apex.chips.soft_chips import (
+    CUT_RELIABILITY,
+    border_reliability,
+    measure_chips,
+    soften,
+)
+from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
+from meshmark_plugins.schemes.apex.chips.word_index import (
+    N_WORDS,
+    geodesic_disc_areas,
+    word_position,
+)
 from meshmark_plugins.schemes.apex.marking.plan import SurfacePlan, plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.parameters import Tuning
+from meshmark_plugins.schemes.apex.parameters import Parameters
 
-# Anchors beyond the words' number that detection still looks at: some will be false.
-SPARE = 2
+# Anchors beyond the number of words that detection still looks at: some will be false.
+SPARE_ANCHORS = 2
 # Evidence that a bit must exceed: what a chip has at most that a cut runs through, and seven to
 # three in odds, as it is tanh of half their logarithm.
-BIT_THRESHOLD = CUT_WORTH
-# Belief that an anchor is a false one: where it stands out as little as those that are not
-# marked, where it does as those that are, and on a border, which a cut may have made. How near to
-# a border that is, in root areas.
-FLAT, HIGH = (0.08, 0.12), (0.6, 0.15)
-FALSE_ON_BORDER, ON_BORDER = 0.7, 0.05
+BIT_THRESHOLD = CUT_RELIABILITY
+# Prior probability that an anchor is false, by its persistence: where it stands out as little as
+# those that are not marked, and where it does as those that are.
+PERSISTENCE_KNOTS, P_NULL_KNOTS = (0.08, 0.12), (0.6, 0.15)
+# And where it is this near to a border, in root areas, which a cut may have made.
+P_NULL_ON_BORDER, BORDER_DISTANCE = 0.7, 0.05
 
 
 class Apex:
@@ -50,7 +57,7 @@ class Apex:
     segmenter, solver
         Given to every scheme; not used by this one.
     bins, width, words, strength, max_mrms, hold
-        See `Tuning`.
+        See `Parameters`.
     """
 
     restorations = (0, 10, 30, 50)
@@ -67,41 +74,40 @@ class Apex:
         max_mrms: float = 2.2e-4,
         hold: int = 4,
     ) -> None:
-        self.tuning = Tuning(bins, width, words, strength, max_mrms, hold)
+        self.parameters = Parameters(bins, width, words, strength, max_mrms, hold)
 
     @property
     def n_chips(self) -> int:
         """Chips of one anchor."""
-        return self.tuning.bins
+        return self.parameters.bins
 
     @property
     def n_words(self) -> int:
-        """Code words, listed by the bulk of the anchors they are for."""
+        """Code words, listed by the disc area of the anchors they are for."""
         return N_WORDS
 
     def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
-        """Find the anchors of a frame, and read the chips about them."""
-        K, width = self.tuning.bins, self.tuning.width
-        most = self.tuning.words + SPARE
+        """Detect the anchors of a frame, and measure the chips about them."""
+        K, width = self.parameters.bins, self.parameters.width
+        most = self.parameters.words + SPARE_ANCHORS
         found = detect_anchors(frame.points, frame.faces, MIN_PERSISTENCE_DETECTED, most)
         fields = [anchors.geodesic_field() for anchors in found]
-        own = fields[0].reference_root_area
-        whole = own if reference is None else _length_of(reference)
-        guesses = Guesses.about(whole)
-        soft, places, p_nulls = [], [], []
+        own_length = fields[0].reference_root_area
+        length = own_length if reference is None else _reference_root_area(reference)
+        hypotheses = ScaleHypotheses.about(length)
+        soft, positions, p_nulls = [], [], []
         for field in fields:
-            profiles = profiles_of(
-                field, vertex_weights(field, width), width, cells_needed(K, width)
-            )
-            scales = guesses.scales(field.length_scale * (whole / own))
-            believed = worth(profiles, K, width, scales, OFFSETS)
-            soft.append(believed * soften(*measure(profiles, K, scales, OFFSETS)))
-            place = place_of(bulk(profiles, width, scales))
-            places.append(np.repeat(place, len(OFFSETS), axis=0))
+            weights = whitening_weights(field, width)
+            histograms = radial_histograms(field, weights, width, cells_needed(K, width))
+            scales = hypotheses.scales(field.length_scale * (length / own_length))
+            reliability = border_reliability(histograms, K, width, scales, OFFSETS)
+            soft.append(reliability * soften(*measure_chips(histograms, K, scales, OFFSETS)))
+            position = word_position(geodesic_disc_areas(histograms, width, scales))
+            positions.append(np.repeat(position, len(OFFSETS), axis=0))
             p_nulls.append(p_null_of(field))
         return Observation(
             soft=np.concatenate(soft, axis=1),
-            log_prior=guesses.log_prior,
+            log_prior=hypotheses.log_prior,
             descriptors=np.column_stack(
                 [
                     np.concatenate([field.disc_area_share for field in fields]),
@@ -109,30 +115,29 @@ class Apex:
                 ]
             ),
             vertices=np.concatenate([field.anchors for field in fields]),
-            posterior=WordPosterior(np.concatenate(places, axis=1), np.concatenate(p_nulls)),
+            posterior=WordPosterior(np.concatenate(positions, axis=1), np.concatenate(p_nulls)),
             bit_threshold=BIT_THRESHOLD,
         )
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:
         """Refuse an animation without lasting anchors, or with too few vertices about them."""
-        require_capacity(FrameAnchors(animation, jobs), self.tuning)
+        require_capacity(FrameAnchors(animation, jobs), self.parameters)
 
     def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
-        return plan_animation(animation, words, self.tuning, jobs)
+        return plan_animation(animation, words, self.parameters, jobs)
 
 
 @lru_cache(maxsize=8)
-def _length_of(frame: Frame) -> float:
-    """Length in which the largest piece of a frame is measured; asked for again and again."""
+def _reference_root_area(frame: Frame) -> float:
+    """Root area of the largest component of a frame; asked for again and again."""
     return reference_root_area(frame.points, frame.faces)
 
 
 def p_null_of(field: GeodesicField) -> FloatArray:
-    """Believe so much that the anchors of a piece hold no word, (C,)."""
+    """Prior probability that each anchor of a component is false and holds no word, (C,)."""
     own = np.searchsorted(field.component.vertices, field.anchors)
     gap = distance_to_border(field.V, field.component.faces, own)
-    p_null = np.interp(field.persistence, FLAT, HIGH)
-    return np.where(
-        gap <= ON_BORDER * field.length_scale, np.maximum(p_null, FALSE_ON_BORDER), p_null
-    )
+    p_null = np.interp(field.persistence, PERSISTENCE_KNOTS, P_NULL_KNOTS)
+    on_border = gap <= BORDER_DISTANCE * field.length_scale
+    return np.where(on_border, np.maximum(p_null, P_NULL_ON_BORDER), p_null)

@@ -1,4 +1,4 @@
-"""Chips: read from given profiles, made evidence of, and how they follow moves."""
+"""Chips: measured from given histograms, made evidence of, and how they follow moves."""
 
 from __future__ import annotations
 
@@ -13,29 +13,31 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import unit, vertex_normals
 from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
-from meshmark_plugins.schemes.apex.chips.hypotheses import (
-    CUT_WORTH,
-    DETOUR,
-    GAIN,
-    HOST,
-    LEAST_BORDER,
-    LEAST_COUNT,
-    OFFSETS,
-    STRAY,
-    Guesses,
-    cells_needed,
-    measure,
-    phase,
-    soften,
-    worth,
-)
 from meshmark_plugins.schemes.apex.chips.radial_histogram import (
-    CELLS,
-    Profiles,
-    profiles_of,
-    vertex_weights,
+    CELLS_PER_BIN,
+    RadialHistograms,
+    radial_histograms,
 )
-from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
+from meshmark_plugins.schemes.apex.chips.scale_hypotheses import (
+    OFFSETS,
+    ScaleHypotheses,
+    cells_needed,
+)
+from meshmark_plugins.schemes.apex.chips.soft_chips import (
+    ATTACK_NOISE,
+    CUT_BORDER_WIDTHS,
+    CUT_RELIABILITY,
+    DETOUR_BORDER_WIDTHS,
+    MIN_VERTEX_COUNT,
+    SINE_VARIANCE,
+    SOFT_GAIN,
+    border_reliability,
+    chip_kernel,
+    measure_chips,
+    soften,
+)
+from meshmark_plugins.schemes.apex.chips.unit_series import nearest_residue, relative_units
+from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
 from meshmark_plugins.schemes.apex.marking.gradients import (
     chip_gradients,
     distance_directions,
@@ -48,102 +50,112 @@ B = cells_needed(K, WIDTH)
 PLAIN = np.ones(1), np.zeros(1)
 SCALES = np.array([1.0, 0.62, 0.8, 0.98, 1.2])
 # Where the first bin begins: the width of one about the anchor stays unused.
-FIRST = CELLS
+FIRST = CELLS_PER_BIN
 
 
-def profile_at(cells, weight=1.0, square=1.0, area=0.0):
-    """One anchor's profile with vertices in some cells, over a surface of even area."""
+def histogram_at(cells, weight=1.0, square=1.0, area=0.0):
+    """One anchor's histogram with vertices in some cells, over a surface of even area."""
     w, q = np.zeros((2, 1, B))
     w[0, cells], q[0, cells] = weight, square
-    return Profiles(w, q, np.full((1, B), area), np.zeros((1, B)))
+    return RadialHistograms(w, q, np.full((1, B), area), np.zeros((1, B)))
 
 
-def test_phase_vanishes_at_both_ends_and_has_no_mean():
+def test_the_kernel_vanishes_at_both_ends_and_has_no_mean():
     np.testing.assert_allclose(
-        phase(np.array([0.0, 0.25, 0.5, 0.75, 1.0])), [0, -1, 0, 1, 0], atol=1e-15
+        chip_kernel(np.array([0.0, 0.25, 0.5, 0.75, 1.0])), [0, -1, 0, 1, 0], atol=1e-15
     )
-    assert phase((np.arange(CELLS) + 0.5) / CELLS).sum() == pytest.approx(0.0, abs=1e-12)
+    assert chip_kernel((np.arange(CELLS_PER_BIN) + 0.5) / CELLS_PER_BIN).sum() == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("k", [0, 5, K - 1])
-def test_vertices_at_one_place_of_a_bin_give_its_phase_there(k):
-    for cell in range(CELLS):
-        s, n = measure(profile_at(FIRST + k * CELLS + cell, weight=5.0, square=2.5), K, *PLAIN)
+def test_vertices_at_one_place_of_a_bin_give_the_kernel_there(k):
+    for cell in range(CELLS_PER_BIN):
+        s, n = measure_chips(
+            histogram_at(FIRST + k * CELLS_PER_BIN + cell, weight=5.0, square=2.5), K, *PLAIN
+        )
         wanted = np.zeros(K)
-        wanted[k] = -np.sin(2.0 * np.pi * (cell + 0.5) / CELLS)
+        wanted[k] = -np.sin(2.0 * np.pi * (cell + 0.5) / CELLS_PER_BIN)
         np.testing.assert_allclose(s[0, 0], wanted, atol=1e-12)
         # By Kish: (sum w)^2 / sum w^2.
         np.testing.assert_allclose(n[0, 0], np.where(wanted != 0.0, 10.0, 0.0))
 
 
-def test_the_phase_of_the_surface_is_taken_off():
-    profiles = profile_at(FIRST + 3 * CELLS + 7)
-    even = measure(replace(profiles, area=np.ones((1, B))), K, *PLAIN)[0]
-    np.testing.assert_allclose(even, measure(profiles, K, *PLAIN)[0], atol=1e-12)
-    same = replace(profiles, area=4.0 * profiles.weight)
-    np.testing.assert_allclose(measure(same, K, *PLAIN)[0], 0.0, atol=1e-12)
+def test_the_mean_over_the_surface_is_taken_off():
+    histograms = histogram_at(FIRST + 3 * CELLS_PER_BIN + 7)
+    even = measure_chips(replace(histograms, area=np.ones((1, B))), K, *PLAIN)[0]
+    np.testing.assert_allclose(even, measure_chips(histograms, K, *PLAIN)[0], atol=1e-12)
+    same = replace(histograms, area=4.0 * histograms.weight)
+    np.testing.assert_allclose(measure_chips(same, K, *PLAIN)[0], 0.0, atol=1e-12)
 
 
 def test_the_anchor_s_own_bin_and_what_lies_beyond_the_last_count_for_nothing():
-    outside = np.concatenate([np.arange(FIRST), np.arange(FIRST + K * CELLS, B)])
-    s, n = measure(profile_at(outside), K, *PLAIN)
+    outside = np.concatenate([np.arange(FIRST), np.arange(FIRST + K * CELLS_PER_BIN, B)])
+    s, n = measure_chips(histogram_at(outside), K, *PLAIN)
     assert not s.any()
     assert not n.any()
 
 
 def test_a_chip_that_the_border_runs_through_is_believed_less():
-    profiles = profile_at(np.arange(B))
-    assert np.all(worth(profiles, K, WIDTH, *PLAIN) == 1.0)
+    histograms = histogram_at(np.arange(B))
+    assert np.all(border_reliability(histograms, K, WIDTH, *PLAIN) == 1.0)
     for k in (0, 5, K - 1):
-        bin_k = slice(FIRST + k * CELLS, FIRST + (k + 1) * CELLS)
+        bin_k = slice(FIRST + k * CELLS_PER_BIN, FIRST + (k + 1) * CELLS_PER_BIN)
         for length, cut in ((2.0, True), (0.3, False)):
             border = np.zeros((1, B))
-            border[0, bin_k] = length * WIDTH / CELLS
-            factors = worth(replace(profiles, border=border), K, WIDTH, *PLAIN)[0, 0]
+            border[0, bin_k] = length * WIDTH / CELLS_PER_BIN
+            factors = border_reliability(replace(histograms, border=border), K, WIDTH, *PLAIN)[0, 0]
             np.testing.assert_array_equal(factors != 1.0, cut & (np.arange(K) == k))
             assert np.all((factors > 0.0) & (factors <= 1.0))
 
 
-def test_how_far_chips_are_believed_follows_the_readings():
+def test_how_far_chips_are_believed_follows_the_hypotheses():
     rng = np.random.default_rng(0)
     border = np.zeros((1, B))
     border[0, rng.choice(B, 20)] = 0.4 * WIDTH
-    found = worth(replace(profile_at([]), border=border), K, WIDTH, SCALES, OFFSETS)[:, 0]
-    middles = (np.arange(B) + 0.5) / CELLS
+    found = border_reliability(replace(histogram_at([]), border=border), K, WIDTH, SCALES, OFFSETS)[
+        :, 0
+    ]
+    middles = (np.arange(B) + 0.5) / CELLS_PER_BIN
     for r, factors in enumerate(found):
         scale, offset = SCALES[r // len(OFFSETS)], OFFSETS[r % len(OFFSETS)]
         x = np.floor(middles * scale + offset - 1.0)
         length = np.array([scale * border[0, x == k].sum() for k in range(K)])
         nearer = np.cumsum(length) - length
-        clear = np.abs(length - LEAST_BORDER * WIDTH) > 1e-9
-        clear &= np.abs(nearer - DETOUR * WIDTH) > 1e-9
-        wanted = (length >= LEAST_BORDER * WIDTH) | (nearer >= DETOUR * WIDTH)
+        clear = np.abs(length - CUT_BORDER_WIDTHS * WIDTH) > 1e-9
+        clear &= np.abs(nearer - DETOUR_BORDER_WIDTHS * WIDTH) > 1e-9
+        wanted = (length >= CUT_BORDER_WIDTHS * WIDTH) | (nearer >= DETOUR_BORDER_WIDTHS * WIDTH)
         np.testing.assert_array_equal((factors < 1.0)[clear], wanted[clear])
 
 
 def test_chips_behind_a_long_cut_are_believed_less_and_behind_a_short_one_not():
-    profiles = profile_at(np.arange(B))
+    histograms = histogram_at(np.arange(B))
     for length, spoilt in ((1.8, False), (2.2, True)):
         border = np.zeros((1, B))
         # A cut through two bins, no more of it in any of them than any cut leaves there.
-        border[0, FIRST + 4 * CELLS : FIRST + 6 * CELLS] = length * WIDTH / CELLS
-        factors = worth(replace(profiles, border=border), K, WIDTH, *PLAIN)[0, 0]
+        border[0, FIRST + 4 * CELLS_PER_BIN : FIRST + 6 * CELLS_PER_BIN] = (
+            length * WIDTH / CELLS_PER_BIN
+        )
+        factors = border_reliability(replace(histograms, border=border), K, WIDTH, *PLAIN)[0, 0]
         np.testing.assert_array_equal(factors[:4], 1.0)
-        np.testing.assert_array_equal(factors[4:6], CUT_WORTH)
-        np.testing.assert_array_equal(factors[6:], CUT_WORTH if spoilt else 1.0)
+        np.testing.assert_array_equal(factors[4:6], CUT_RELIABILITY)
+        np.testing.assert_array_equal(factors[6:], CUT_RELIABILITY if spoilt else 1.0)
 
 
 def read(x, w):
     """Chips of vertices of weights w at distances x, in bins."""
-    cells = (x * CELLS).astype(int)
+    cells = (x * CELLS_PER_BIN).astype(int)
     weight, square = (np.bincount(cells, v, B)[None, :B] for v in (w, w**2))
     nothing = np.zeros((1, B))
-    return measure(Profiles(weight, square, nothing, nothing), K, SCALES, OFFSETS)[0][:, 0]
+    return measure_chips(RadialHistograms(weight, square, nothing, nothing), K, SCALES, OFFSETS)[0][
+        :, 0
+    ]
 
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), r=st.integers(0, len(SCALES) * len(OFFSETS) - 1))
-def test_a_profile_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(seed, r):
+def test_a_histogram_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(seed, r):
     rng = np.random.default_rng(seed)
     x = np.linspace(0.5, K + 1.5, 20_000)
     lean = rng.choice([-0.5, 0.5], K + 2)[x.astype(int)]
@@ -158,42 +170,42 @@ def test_a_profile_that_was_stretched_is_read_by_the_hypothesis_of_that_scale(se
 
 
 def test_every_hypothesis_sees_every_bin_in_full():
-    scales = Guesses.about(2.0).scales(2.0)
-    _, n = measure(profile_at(np.arange(B)), K, scales, OFFSETS)
+    scales = ScaleHypotheses.about(2.0).scales(2.0)
+    _, n = measure_chips(histogram_at(np.arange(B)), K, scales, OFFSETS)
     assert n.shape == (len(scales) * len(OFFSETS), 1, K)
     # A bin of scale r is 1 / r bins long.
-    assert np.abs(n[:, 0] - (CELLS / np.repeat(scales, len(OFFSETS)))[:, None]).max() <= 1.0
+    assert np.abs(n[:, 0] - (CELLS_PER_BIN / np.repeat(scales, len(OFFSETS)))[:, None]).max() <= 1.0
 
 
 def test_many_hypotheses_are_measured_as_one_by_one():
-    profiles = profile_at(np.arange(0, B, 3), area=0.2)
-    every = measure(profiles, K, SCALES, OFFSETS)
+    histograms = histogram_at(np.arange(0, B, 3), area=0.2)
+    every = measure_chips(histograms, K, SCALES, OFFSETS)
     for r, (scale, offset) in enumerate((a, b) for a in SCALES for b in OFFSETS):
-        alone = measure(profiles, K, np.array([scale]), np.array([offset]))
+        alone = measure_chips(histograms, K, np.array([scale]), np.array([offset]))
         np.testing.assert_allclose(every[0][r], alone[0][0], atol=1e-12)
         np.testing.assert_allclose(every[1][r], alone[1][0], atol=1e-12)
 
 
 @pytest.mark.parametrize("root_area", [0.013, 1.0, 2.27, 640.0])
 def test_belief_is_shared_out_and_a_crop_keeps_the_unit_in_question(root_area):
-    guesses = Guesses.about(root_area)
-    assert np.exp(guesses.log_prior).sum() == pytest.approx(1.0, abs=1e-12)
-    assert len(guesses.log_prior) == len(guesses.phase) * len(OFFSETS)
+    hypotheses = ScaleHypotheses.about(root_area)
+    assert np.exp(hypotheses.log_prior).sum() == pytest.approx(1.0, abs=1e-12)
+    assert len(hypotheses.log_prior) == len(hypotheses.residue) * len(OFFSETS)
     # The unit of a whole mesh, and what a third of it, or two, cut away makes of it.
-    phase = np.array([phase_of(root_area)])
-    unit = units(root_area, phase)[0] * root_area
+    residue = np.array([nearest_residue(root_area)])
+    unit = relative_units(root_area, residue)[0] * root_area
     for left in (1.0, 2 / 3, 0.4):
         rest = root_area * np.sqrt(left)
-        guesses = Guesses.about(rest)
-        right = np.abs(guesses.scales(rest) - rest / unit) < 1e-9
+        hypotheses = ScaleHypotheses.about(rest)
+        right = np.abs(hypotheses.scales(rest) - rest / unit) < 1e-9
         assert right.any()
-        assert np.exp(guesses.log_belief[right]).max() > 0.005
+        assert np.exp(hypotheses.log_scale_prior[right]).max() > 0.005
 
 
 def test_evidence_by_hand():
-    n = np.array([100.0, LEAST_COUNT, np.nextafter(LEAST_COUNT, 0.0), 0.0])
+    n = np.array([100.0, MIN_VERTEX_COUNT, np.nextafter(MIN_VERTEX_COUNT, 0.0), 0.0])
     evidence = soften(np.full(4, 0.2), n)
-    wanted = [np.tanh(GAIN * 0.2 / (STRAY**2 + HOST / m)) for m in n[:2]]
+    wanted = [np.tanh(SOFT_GAIN * 0.2 / (ATTACK_NOISE**2 + SINE_VARIANCE / m)) for m in n[:2]]
     np.testing.assert_allclose(evidence, [*wanted, 0.0, 0.0])
     assert evidence[0] == pytest.approx(0.9723, abs=1e-4)
 
@@ -213,19 +225,19 @@ def horned():
     V, F = bumpy_sphere(5, np.array([[1, 0.2, 0.1], [-0.3, 1, 0.2]]), height=0.4, width=0.5)
     tips = [int(np.argmax(V @ axis)) for axis in ([1, 0.2, 0.1], [-0.3, 1, 0.2])]
     (field,) = geodesic_fields(V, F, np.array(tips))
-    weights = vertex_weights(field, WIDTH)
+    weights = whitening_weights(field, WIDTH)
     J = chip_gradients(field, distance_directions(field), weights, WIDTH, K, len(V))
     return V, F, field, weights, J
 
 
 def chips(field, weights):
-    """Weighted mean phases, without the rounding to cells."""
+    """Weighted means of the kernel, without the rounding to cells."""
     x = field.H / WIDTH - 1.0
     k = np.floor(x).astype(int)
     value = np.zeros((len(x), K))
     for row, bins, place in zip(value, k, x - k, strict=True):
         inside = (bins >= 0) & (bins < K)
-        moment = np.bincount(bins[inside], (weights * phase(place))[inside], K)
+        moment = np.bincount(bins[inside], (weights * chip_kernel(place))[inside], K)
         row[:] = moment / np.bincount(bins[inside], weights[inside], K)
     return value
 
@@ -262,7 +274,9 @@ def test_chips_follow_moves_as_their_gradients_foretell(horned, seed):
     np.testing.assert_allclose(change, foretold, atol=0.05 * np.abs(foretold).max())
     # As detection measures them, whitened anew, they follow nearly as well, but less far.
     before, now = (
-        measure(profiles_of(n, vertex_weights(n, WIDTH), WIDTH, B), K, *PLAIN)[0][0, 0]
+        measure_chips(radial_histograms(n, whitening_weights(n, WIDTH), WIDTH, B), K, *PLAIN)[0][
+            0, 0
+        ]
         for n in (field, moved)
     )
     assert np.corrcoef(foretold, now - before)[0, 1] > 0.98

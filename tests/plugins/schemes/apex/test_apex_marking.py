@@ -25,8 +25,8 @@ from meshmark_plugins.schemes.apex.anchors.track import (
     anchors_in_poses,
     lasting_anchors,
 )
-from meshmark_plugins.schemes.apex.chips.hypotheses import OFFSETS, Guesses
-from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
+from meshmark_plugins.schemes.apex.chips.scale_hypotheses import OFFSETS, ScaleHypotheses
+from meshmark_plugins.schemes.apex.chips.unit_series import nearest_residue, relative_units
 from meshmark_plugins.schemes.apex.marking.plan import (
     POSES,
     SurfacePlan,
@@ -136,23 +136,23 @@ def test_frames_between_keys_blend_theirs():
 # Marks.
 
 
-def reading_as_marked(frame):
-    """Place among the readings of a frame of the one it was marked in."""
+def hypothesis_as_marked(frame):
+    """Index among the hypotheses of a frame of the one it was marked under."""
     length = reference_root_area(frame.points, frame.faces)
-    guesses = Guesses.about(length)
-    unit = units(length, np.array([phase_of(length)]))
-    kept = (guesses.factor == 1.0) & (np.abs(guesses.scales(length) * unit - 1.0) < 1e-9)
+    hypotheses = ScaleHypotheses.about(length)
+    unit = relative_units(length, np.array([nearest_residue(length)]))
+    kept = (hypotheses.jitter == 1.0) & (np.abs(hypotheses.scales(length) * unit - 1.0) < 1e-9)
     return int(np.flatnonzero(kept)[0]) * len(OFFSETS)
 
 
 def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
     animation = horned(AT_REST)
     frame, scheme = animation[0], Apex()
-    layout = require_capacity(FrameAnchors(animation, 1), scheme.tuning)
+    layout = require_capacity(FrameAnchors(animation, 1), scheme.parameters)
     plan = scheme.plan(animation, WORDS)
-    words, reading = WORDS[layout.words], reading_as_marked(frame)
+    words, hypothesis = WORDS[layout.words], hypothesis_as_marked(frame)
     before, after = (
-        scheme.observe(frame.moved(P)).soft[reading] @ words.T
+        scheme.observe(frame.moved(P)).soft[hypothesis] @ words.T
         for P in (frame.points, plan.mark(0, frame))
     )
     # Of 16 at the very best.
@@ -207,7 +207,7 @@ def mean_mrms(plan, animation):
 
 
 def test_a_marked_creature_keeps_its_surface_and_turns_no_face(gallop, gallop_plan):
-    assert mean_mrms(gallop_plan, gallop) <= Apex().tuning.max_mrms
+    assert mean_mrms(gallop_plan, gallop) <= Apex().parameters.max_mrms
     for t, frame in enumerate(gallop):
         after = area_vectors(gallop_plan.mark(t, frame), frame.faces)
         assert np.vecdot(area_vectors(frame.points, frame.faces), after).min() > 0.0
@@ -299,12 +299,12 @@ EVIDENCE_IN_PER_CENT = """
   15  -29  -13  -38  -15   47   -7   13   10   10  -43   24   12   64   33   44
  -13    0  -25   45   -2  -19    0   29   14  -44   14  -10   40  -28    7    3
 """
-PLACES = [53.78, 53.46, 53.77, 53.44, 55.46, 63.09]
+POSITIONS = [53.78, 53.46, 53.77, 53.44, 55.46, 63.09]
 
 
 def test_anchors_and_evidence_of_the_creature(creature):
-    seen, reading = Apex().observe(creature[0]), reading_as_marked(creature[0])
+    seen, hypothesis = Apex().observe(creature[0]), hypothesis_as_marked(creature[0])
     assert seen.vertices.tolist() == [327, 3180, 85, 2694, 0, 6935]
     wanted = np.array(EVIDENCE_IN_PER_CENT.split(), dtype=float).reshape(6, 16)
-    np.testing.assert_allclose(100.0 * seen.soft[reading], wanted, atol=0.6)
-    np.testing.assert_allclose(seen.posterior.position[reading], PLACES, atol=0.02)
+    np.testing.assert_allclose(100.0 * seen.soft[hypothesis], wanted, atol=0.6)
+    np.testing.assert_allclose(seen.posterior.position[hypothesis], POSITIONS, atol=0.02)

@@ -15,9 +15,7 @@ from meshmark.metrics.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.marking import solve_displacement as displacing
-from meshmark_plugins.schemes.apex.marking.energy import (
-    energy_over_poses,
-)
+from meshmark_plugins.schemes.apex.marking.energy import energy_over_poses
 from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
 from meshmark_plugins.schemes.apex.marking.pose_constraints import MOST, Cover, targets
 from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand, displacement

@@ -1,9 +1,9 @@
-"""Units of length that a copy remembers: a fixed series, from which each piece takes one.
+"""Units of length that a copy remembers: a fixed series, from which each component takes one.
 
-The root area of what is left of a mesh does not tell the root area it was marked with. So pieces
-are not marked in root areas but in the member of a geometric series that is nearest. On a copy
-that has kept its scale only few members come into question, whatever was cut away. The series
-goes on through all powers of ten, so that neither metres nor centimetres make a difference.
+The root area of what is left of a mesh does not tell the root area it was marked with. So marks
+are measured not in root areas but in the nearest member of a geometric series. Of a copy that has
+kept its scale, only few members come into question, whatever was cut away. The series goes on
+through all powers of ten, so that metres and centimetres make no difference.
 """
 
 from __future__ import annotations
@@ -12,44 +12,44 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 
-# Members in each power of ten: neighbours differ by a fifth.
-PER_DECADE = 12
-# One member in `PERIOD` could be a piece's unit; all pieces take theirs from the same ones,
-# so that one guess does for all.
-PERIOD = 4
-# How far below its root area the unit of a piece may be, in members.
-LOWEST = -1.0
+# Steps from a member to the one ten times as long: neighbours differ by a fifth.
+STEPS_PER_DECADE = 12
+# Only members whose numbers leave one residue modulo this are units of a mesh's components, so
+# that one guess, of the residue, does for all of them.
+SERIES_PERIOD = 4
+# How far the unit of a component may be from its root area at least, in steps: below it.
+LOWEST_STEP = -1.0
 
 
-def phase_of(root_area: float) -> float:
-    """Choose the phase that has a unit nearest to the root area of the largest piece."""
-    return float(np.round(_place(root_area)) % PERIOD)
+def nearest_residue(root_area: float) -> float:
+    """Choose the residue that has a unit nearest to the root area of the largest component."""
+    return float(np.round(_steps_from_one(root_area)) % SERIES_PERIOD)
 
 
-def units(root_area: float, phases: FloatArray) -> FloatArray:
-    """Find the unit of a piece in root areas, for every phase of the series, (P,) float64.
+def relative_units(root_area: float, residues: FloatArray) -> FloatArray:
+    """Find the unit of a component in its root areas, for every residue, (P,) float64.
 
     Parameters
     ----------
     root_area : float
-        Square root of the piece's area, in units of the mesh.
-    phases : (P,) float64
-        Which members are meant: those at phase + `PERIOD` k. Not whole where the series itself
-        was shifted: by a change of scale.
+        Square root of the component's area, in lengths of the mesh.
+    residues : (P,) float64
+        Which members are meant: those at residue + `SERIES_PERIOD` k. Not whole where the series
+        itself was shifted by a change of scale.
     """
-    away = np.mod(phases - _place(root_area) - LOWEST, PERIOD) + LOWEST
-    return scale(away)
+    steps = np.mod(residues - _steps_from_one(root_area) - LOWEST_STEP, SERIES_PERIOD) + LOWEST_STEP
+    return steps_to_ratio(steps)
 
 
-def scale(members: FloatArray) -> FloatArray:
-    """Ratio between lengths that are so many members of the series apart."""
-    return 10.0 ** (members / PER_DECADE)
+def steps_to_ratio(steps: FloatArray) -> FloatArray:
+    """Ratio between lengths that are so many steps of the series apart."""
+    return 10.0 ** (steps / STEPS_PER_DECADE)
 
 
-def members(ratio: FloatArray) -> FloatArray:
-    """How many members of the series lie between lengths of some ratio."""
-    return PER_DECADE * np.log10(ratio)
+def ratio_to_steps(ratio: FloatArray) -> FloatArray:
+    """How many steps of the series lie between lengths of some ratio."""
+    return STEPS_PER_DECADE * np.log10(ratio)
 
 
-def _place(root_area: float) -> float:
-    return PER_DECADE * float(np.log10(root_area))
+def _steps_from_one(root_area: float) -> float:
+    return STEPS_PER_DECADE * float(np.log10(root_area))

@@ -1,4 +1,4 @@
-"""How densely vertices lie on a surface, smoothed over a given length."""
+"""Whitening: weights that even out how densely vertices lie on a surface."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.linear_algebra.laplacian import cotangent_weights, stiffness
 
-ITERATIONS = 60
-TOLERANCE = 1e-7
+CG_ITERATIONS = 60
+CG_TOLERANCE = 1e-7
 # Share of the mean vertex area that every vertex is given at least.
-LEAST_AREA = 1e-3
+MIN_VERTEX_AREA_SHARE = 1e-3
+
+
+def whitening_weights(field: GeodesicField, width: float) -> FloatArray:
+    """Whitening weights of a component's vertices, (n,), on the scale of half a bin."""
+    return whitening(field.V, field.component.faces, field.length_scale, width / 2.0)
 
 
 def whitening(V: FloatArray, F: IntArray, root_area: float, length: float) -> FloatArray:
@@ -33,12 +39,12 @@ def whitening(V: FloatArray, F: IntArray, root_area: float, length: float) -> Fl
     Returns
     -------
     (N,) float64
-        1 / y, where (M + length^2 L) y = 1: one unit of mass a vertex, spread over the
-        surface. Sums to about 1.
+        1 / y, where (M + length^2 L) y = 1 with lumped areas M and the cotangent Laplacian L:
+        unit mass at every vertex, diffused over the surface. Sums to about 1.
     """
     areas = vertex_areas(V, F) / root_area**2
-    areas = np.maximum(areas, LEAST_AREA * areas.mean())
+    areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
     A = csr_matrix(diags_array(areas) + length**2 * stiffness(F, cotangent_weights(V, F), len(V)))
     n = len(V)
-    y = solve(A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), ITERATIONS, TOLERANCE)
+    y = solve(A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)
     return 1.0 / np.maximum(y, 1e-9 * n)

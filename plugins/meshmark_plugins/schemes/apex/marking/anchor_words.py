@@ -10,14 +10,19 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, geodesic_fields
-from meshmark_plugins.schemes.apex.chips.hypotheses import cells_needed
-from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
-from meshmark_plugins.schemes.apex.chips.unit_series import phase_of, units
-from meshmark_plugins.schemes.apex.chips.word_index import bulk, choose_words, place_of
-from meshmark_plugins.schemes.apex.parameters import Tuning
+from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
+from meshmark_plugins.schemes.apex.chips.scale_hypotheses import cells_needed
+from meshmark_plugins.schemes.apex.chips.unit_series import nearest_residue, relative_units
+from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
+from meshmark_plugins.schemes.apex.chips.word_index import (
+    choose_words,
+    geodesic_disc_areas,
+    word_position,
+)
+from meshmark_plugins.schemes.apex.parameters import Parameters
 
-# Frames whose bulks decide, by their median.
-FRAMES = 5
+# Frames whose disc areas decide on words, by their median.
+WORD_FRAMES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,9 @@ class Layout:
         return [(_rows(self.anchors, field.anchors), field) for field in fields]
 
 
-def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning, jobs: int) -> Layout:
+def lay_out(
+    animation: MeshAnimation, anchors: IntArray, parameters: Parameters, jobs: int
+) -> Layout:
     """Choose the unit and the word of each anchor (C,), in `jobs` worker processes.
 
     Raises
@@ -59,36 +66,36 @@ def lay_out(animation: MeshAnimation, anchors: IntArray, tuning: Tuning, jobs: i
     """
     first = animation[0]
     fields = geodesic_fields(first.points, first.faces, anchors)
-    phase = np.array([phase_of(fields[0].reference_root_area)])
+    residue = np.array([nearest_residue(fields[0].reference_root_area)])
     unit = np.empty(len(anchors))
     for field in fields:
-        unit[_rows(anchors, field.anchors)] = units(field.length_scale, phase)
-    chosen = np.linspace(0, len(animation) - 1, min(FRAMES, len(animation))).round()
-    find = _FindPlaces(animation, anchors, unit, tuning)
-    places = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))
-    return Layout(anchors, unit, choose_words(np.median(places, axis=0)))
+        unit[_rows(anchors, field.anchors)] = relative_units(field.length_scale, residue)
+    chosen = np.linspace(0, len(animation) - 1, min(WORD_FRAMES, len(animation))).round()
+    find = _FindPositions(animation, anchors, unit, parameters)
+    positions = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))
+    return Layout(anchors, unit, choose_words(np.median(positions, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
-class _FindPlaces:
-    """Finds the places of anchors in frame after frame; picklable, for worker processes."""
+class _FindPositions:
+    """Finds the positions of anchors in the list of words, frame after frame; picklable."""
 
     animation: MeshAnimation
     anchors: IntArray
     unit: FloatArray
-    tuning: Tuning
+    parameters: Parameters
 
     def __call__(self, index: int) -> FloatArray:
-        frame, tuning = self.animation[index], self.tuning
-        places = np.empty(len(self.anchors))
+        frame, parameters = self.animation[index], self.parameters
+        positions = np.empty(len(self.anchors))
         for field in geodesic_fields(frame.points, frame.faces, self.anchors):
             rows = _rows(self.anchors, field.anchors)
-            weights = vertex_weights(field, tuning.width)
-            n_cells = cells_needed(tuning.bins, tuning.width)
-            profiles = profiles_of(field, weights, tuning.width, n_cells)
-            of_units = bulk(profiles, tuning.width, 1.0 / self.unit[rows[:1]])
-            places[rows] = place_of(of_units)[0]
-        return places
+            weights = whitening_weights(field, parameters.width)
+            n_cells = cells_needed(parameters.bins, parameters.width)
+            histograms = radial_histograms(field, weights, parameters.width, n_cells)
+            areas = geodesic_disc_areas(histograms, parameters.width, 1.0 / self.unit[rows[:1]])
+            positions[rows] = word_position(areas)[0]
+        return positions
 
 
 def _rows(anchors: IntArray, some: IntArray) -> IntArray:

@@ -95,7 +95,7 @@ def _rows(
     inside = np.flatnonzero((k >= 0) & (k < n_bins))
     k, u = k[inside], (x - k)[inside]
     share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]
-    # d/du of the phase -sin(2 pi u), over the bin's width in units of the mesh.
+    # d/du of the kernel -sin(2 pi u), over the bin's width in lengths of the mesh.
     slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * field.length_scale)
     values = (share * slope)[:, None] * direction[inside]
     columns = 3 * field.component.vertices[inside][:, None] + np.arange(3)

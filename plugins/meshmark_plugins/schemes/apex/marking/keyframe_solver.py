@@ -54,7 +54,7 @@ class Chain:
 
     def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
         """Find the displacement that serves some poses best, (3 N,), starting from another."""
-        cover, width = self.ask.cover, self.ask.tuning.width
+        cover, width = self.ask.cover, self.ask.parameters.width
         points = [self.ask.animation[t].points for t in poses]
         carried = [(P, cover.deformation.gradients(P)) for P in points]
         energy = self._guarded(energy_over_poses(carried, cover.V, cover.F, width), poses)

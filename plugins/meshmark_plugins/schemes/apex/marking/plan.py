@@ -24,7 +24,7 @@ from meshmark_plugins.schemes.apex.marking.anchor_words import Layout, lay_out
 from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
 from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keys
 from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Cover, held_chips
-from meshmark_plugins.schemes.apex.parameters import Tuning
+from meshmark_plugins.schemes.apex.parameters import Parameters
 
 # Poses looked at for each key frame: chips change from one pose to the next by as much as a mark
 # moves them, so that each pose left out is one badly served.
@@ -81,7 +81,7 @@ class SurfacePlan:
         return self.scale * self.displacements.read(j).ravel()
 
 
-def require_capacity(frame_anchors: FrameAnchors, tuning: Tuning) -> Layout:
+def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> Layout:
     """Find the anchors to be marked, and how.
 
     Raises
@@ -90,10 +90,10 @@ def require_capacity(frame_anchors: FrameAnchors, tuning: Tuning) -> Layout:
         If they cannot hold a mark, with the reason and what to do.
     """
     animation = frame_anchors.animation
-    anchors = lasting_anchors(frame_anchors, tuning.words)
-    layout = lay_out(animation, anchors, tuning, frame_anchors.jobs)
+    anchors = lasting_anchors(frame_anchors, parameters.words)
+    layout = lay_out(animation, anchors, parameters, frame_anchors.jobs)
     first = animation[0]
-    held = held_chips(first.points, first.faces, layout, tuning)
+    held = held_chips(first.points, first.faces, layout, parameters)
     if held < FEWEST_CHIPS:
         raise CapacityError(
             f"{len(first.points)} points give {held} chips, and a proof at one in a million takes "
@@ -104,7 +104,7 @@ def require_capacity(frame_anchors: FrameAnchors, tuning: Tuning) -> Layout:
 
 
 def plan_animation(
-    animation: MeshAnimation, words: IntArray, tuning: Tuning, jobs: int
+    animation: MeshAnimation, words: IntArray, parameters: Parameters, jobs: int
 ) -> SurfacePlan:
     """Plan the mark of an animation of one topology.
 
@@ -114,18 +114,18 @@ def plan_animation(
         If it cannot hold one, with the reason and what to do.
     """
     frame_anchors = FrameAnchors(animation, jobs)
-    layout = require_capacity(frame_anchors, tuning)
+    layout = require_capacity(frame_anchors, parameters)
     first = animation[0]
     cover = Cover(first.points, first.faces)
-    keys = key_frames(len(animation), tuning.hold)
+    keys = key_frames(len(animation), parameters.hold)
     posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
     anchors = anchors_in_poses(frame_anchors, layout.anchors, sorted(set().union(*posed)))
-    ask = AskPose(animation, cover, layout, words[layout.words], tuning, anchors)
+    ask = AskPose(animation, cover, layout, words[layout.words], parameters, anchors)
     guards = geodesic_fields(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
     with Workers(ask, min(jobs, len(animation))) as workers:
         solved = solve_keys(ask, guards, workers, posed, jobs)
     plan = SurfacePlan(cover, keys, solved, len(layout.anchors))
-    return within_limit(plan, animation, tuning.max_mrms, jobs)
+    return within_limit(plan, animation, parameters.max_mrms, jobs)
 
 
 def key_frames(n_frames: int, hold: int) -> FloatArray:

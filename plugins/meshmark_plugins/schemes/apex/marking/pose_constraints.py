@@ -18,14 +18,15 @@ from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
-from meshmark_plugins.schemes.apex.chips.hypotheses import (
-    HOST,
-    LEAST_COUNT,
-    STRAY,
-    cells_needed,
-    measure,
+from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
+from meshmark_plugins.schemes.apex.chips.scale_hypotheses import cells_needed
+from meshmark_plugins.schemes.apex.chips.soft_chips import (
+    ATTACK_NOISE,
+    MIN_VERTEX_COUNT,
+    SINE_VARIANCE,
+    measure_chips,
 )
-from meshmark_plugins.schemes.apex.chips.radial_histogram import profiles_of, vertex_weights
+from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
 from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
 from meshmark_plugins.schemes.apex.marking.gradients import (
     chip_gradients,
@@ -33,7 +34,7 @@ from meshmark_plugins.schemes.apex.marking.gradients import (
     slid,
 )
 from meshmark_plugins.schemes.apex.marking.solve_displacement import Demand
-from meshmark_plugins.schemes.apex.parameters import Tuning
+from meshmark_plugins.schemes.apex.parameters import Parameters
 
 Question = Literal["demand", "share"]
 
@@ -131,7 +132,7 @@ class AskPose:
         The anchors and their units.
     words : (C, K) int
         Word of each anchor.
-    tuning : Tuning
+    parameters : Tuning
         Bins and strength.
     anchors : mapping of (C,) int
         Where the anchors are seen in each pose, by frame.
@@ -141,7 +142,7 @@ class AskPose:
     cover: Cover
     layout: Layout
     words: IntArray
-    tuning: Tuning
+    parameters: Parameters
     anchors: Mapping[int, IntArray]
 
     def __call__(self, work: Work) -> Any:
@@ -182,13 +183,13 @@ class AskPose:
         G = self.cover.root_area * self.cover.deformation.gradients(P)
         s, n, J = self._chips(measured if before is None else before.slid(X), G)
         right = self.words * s
-        held = n >= LEAST_COUNT
+        held = n >= MIN_VERTEX_COUNT
         J = csr_matrix(diags_array(self.words.ravel().astype(np.float64)) @ J)
-        target = targets(n, self.tuning.strength)
+        target = targets(n, self.parameters.strength)
         lacking = np.where(held, target - right, 0.0).ravel()
         worth = np.where(held, n / (n + HALF_WORTH), 0.0).ravel()
         change = lacking + J @ d
-        return Demand(J, change, target.ravel(), PRICE * self.tuning.width**2 * worth), measured
+        return Demand(J, change, target.ravel(), PRICE * self.parameters.width**2 * worth), measured
 
     def _chips(
         self, measured: Measured, G: FloatArray
@@ -197,7 +198,7 @@ class AskPose:
 
         `G` (N, 3, 3) carries the moves that they are differentiated by to the pose.
         """
-        K, width = self.tuning.bins, self.tuning.width
+        K, width = self.parameters.bins, self.parameters.width
         found = []
         for rows, field in measured.fields:
             unit = float(self.layout.units[rows[0]])
@@ -223,8 +224,8 @@ def targets(n: FloatArray, strength: float) -> FloatArray:
     In proportion to what chance does to them, which detection softens them by: a chip of
     thousands of vertices is as clear at half of what one of a hundred needs.
     """
-    noise = STRAY**2 + HOST / np.maximum(n, 1.0)
-    usual = STRAY**2 + HOST / HALF_WORTH
+    noise = ATTACK_NOISE**2 + SINE_VARIANCE / np.maximum(n, 1.0)
+    usual = ATTACK_NOISE**2 + SINE_VARIANCE / HALF_WORTH
     return strength * np.minimum(np.sqrt(noise / usual), MOST)
 
 
@@ -247,16 +248,20 @@ def chips_about(
     weights : (n,) float64
         Weights of the piece's vertices.
     """
-    weights = vertex_weights(field, width)
-    profiles = profiles_of(field.rescaled(unit), weights, width, cells_needed(n_bins, width))
-    s, n = measure(profiles, n_bins, np.ones(1), np.zeros(1))
+    weights = whitening_weights(field, width)
+    histograms = radial_histograms(
+        field.rescaled(unit), weights, width, cells_needed(n_bins, width)
+    )
+    s, n = measure_chips(histograms, n_bins, np.ones(1), np.zeros(1))
     return s[0], n[0], weights
 
 
-def held_chips(V: FloatArray, F: IntArray, layout: Layout, tuning: Tuning) -> int:
+def held_chips(V: FloatArray, F: IntArray, layout: Layout, parameters: Parameters) -> int:
     """Count the chips of a mesh that have enough vertices to say something."""
     held = 0
     for rows, field in layout.measured(V, F):
-        _, n, _ = chips_about(field, float(layout.units[rows[0]]), tuning.bins, tuning.width)
-        held += int(np.count_nonzero(n >= LEAST_COUNT))
+        _, n, _ = chips_about(
+            field, float(layout.units[rows[0]]), parameters.bins, parameters.width
+        )
+        held += int(np.count_nonzero(n >= MIN_VERTEX_COUNT))
     return held
