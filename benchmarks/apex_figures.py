@@ -34,9 +34,9 @@ from meshmark.workers.ordered_map import default_jobs
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
 from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
-from meshmark_plugins.schemes.apex.marking.anchor_words import Layout
+from meshmark_plugins.schemes.apex.marking.marked_anchors import MarkedAnchors, field_chips
 from meshmark_plugins.schemes.apex.marking.plan import plan_animation, require_capacity
-from meshmark_plugins.schemes.apex.marking.pose_constraints import chips_about, targets
+from meshmark_plugins.schemes.apex.marking.pose_constraints import chip_targets
 from meshmark_plugins.schemes.apex.scheme import Apex
 from render import CLAY, View, render_frame
 
@@ -56,7 +56,7 @@ class Subject:
     """An animation as analysis sees it, its anchors, and what marking makes of it."""
 
     animation: MeshAnimation
-    layout: Layout
+    anchors: MarkedAnchors
     words: IntArray
     scheme: Apex
     marked: dict[int, FloatArray]
@@ -64,14 +64,14 @@ class Subject:
 
     def distances(self, P: FloatArray, F: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distances (C, N) from the anchors in units, chips and their counts (C, K)."""
-        parameters, C = self.scheme.parameters, len(self.layout.anchors)
+        parameters, C = self.scheme.parameters, len(self.anchors.vertices)
         H = np.full((C, len(P)), np.inf)
         s = np.full((C, parameters.bins), np.nan)
         n = s.copy()
-        for rows, field in self.layout.measured(P, F):
-            unit = float(self.layout.units[rows[0]])
+        for rows, field in self.anchors.fields(P, F):
+            unit = float(self.anchors.units[rows[0]])
             H[np.ix_(rows, field.component.vertices)] = field.H / unit
-            s[rows], n[rows], _ = chips_about(field, unit, parameters.bins, parameters.width)
+            s[rows], n[rows], _ = field_chips(field, unit, parameters.bins, parameters.width)
         return H, s, n
 
 
@@ -80,14 +80,14 @@ def subject_of(source: str | None, azimuth: float) -> Subject:
     animation = creature() if asset is None else asset.meshes[0]
     animation = animation.map(Welding.of(animation[0]).frame)
     scheme, jobs = Apex(), default_jobs()
-    layout = require_capacity(FrameAnchors(animation, jobs), scheme.parameters)
+    anchors = require_capacity(FrameAnchors(animation, jobs), scheme.parameters)
     words = Key(bytes(range(32))).words("apex", scheme.n_words, scheme.n_chips)
     plan = plan_animation(animation, words, scheme.parameters, jobs)
     shown = (0, len(animation) // 3)
     marked = {t: plan.mark(t, animation[t]) for t in shown}
     up_axis = "Y" if asset is None else asset.up_axis
     view = View(azimuth=azimuth, elevation=14.0, up_axis=up_axis)
-    return Subject(animation, layout, words[layout.words], scheme, marked, view)
+    return Subject(animation, anchors, words[anchors.words], scheme, marked, view)
 
 
 def halved(F: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -155,7 +155,7 @@ def draw_anchors(subject: Subject, path: Path) -> None:
     H, *_ = subject.distances(P, F)
     geodesics = GeodesicDistances(P, F)
     f = integral_distance(P, F, geodesics)
-    view, r, tips = framed(subject, P), BALL * geodesics.root_area, P[subject.layout.anchors]
+    view, r, tips = framed(subject, P), BALL * geodesics.root_area, P[subject.anchors.vertices]
     norm = Normalize(f.min(), f.max())
     left = picture(
         P, F, f[:, None], lambda v: linear(plt.cm.YlGnBu_r(norm(v[:, 0]))), view, tips, r
@@ -199,7 +199,7 @@ def draw_chips(subject: Subject, path: Path) -> None:
     frame = subject.animation[0]
     _, before, n = subject.distances(frame.points, frame.faces)
     _, after, _ = subject.distances(subject.marked[0], frame.faces)
-    target, C = targets(n, subject.scheme.parameters.strength), len(subject.layout.anchors)
+    target, C = chip_targets(n, subject.scheme.parameters.strength), len(subject.anchors.vertices)
     rows = -(-C // 2)
     figure, axes = plt.subplots(
         rows, 2, figsize=(9.4, 1.45 * rows + 0.7), sharex=True, sharey=True, squeeze=False

@@ -31,30 +31,34 @@ APEX = "meshmark_plugins.schemes.apex"
 # Where a function is looked up, and the stage its own time counts for: what it calls counts for
 # the stages of what is called.
 EMBED_STAGES = (
-    (f"{APEX}.plan", "require_capacity", "finding lasting anchors"),
-    (f"{APEX}.plan", "anchors_in_poses", "finding anchors in poses"),
-    (f"{APEX}.radial", "RadialDistances.__init__", "distances: factors"),
-    (f"{APEX}.radial", "RadialDistances.from_vertex", "distances: solves"),
-    (f"{APEX}.poses", "AskPose.__call__", "chips and gradients of poses"),
+    (f"{APEX}.marking.plan", "require_capacity", "finding lasting anchors"),
+    (f"{APEX}.marking.plan", "anchors_in_poses", "finding anchors in poses"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
+    (
+        f"{APEX}.marking.pose_constraints",
+        "PoseConstraints.__call__",
+        "chips and gradients of poses",
+    ),
     ("meshmark.mesh.closest_points", "ClosestPoints.points", "closest points"),
-    (f"{APEX}.chain", "displacement", "solving for displacements"),
-    (f"{APEX}.folds", "Folds.ironed", "ironing folds"),
-    (f"{APEX}.chain", "energy_over_poses", "energies"),
+    (f"{APEX}.marking.keyframe_solver", "solve_displacement", "solving for displacements"),
+    (f"{APEX}.marking.fold_smoother", "FoldSmoother.smooth_folds", "smoothing folds"),
+    (f"{APEX}.marking.keyframe_solver", "energy_over_poses", "energies"),
     ("meshmark.mesh.deformation", "Deformation.gradients", "deformation gradients"),
-    (f"{APEX}.poses", "allowed_shares", "holding faces back"),
-    (f"{APEX}.plan", "restrain", "holding faces back"),
-    (f"{APEX}.plan", "refit", "refit of surfaces"),
-    (f"{APEX}.plan", "surface_distance", "keeping to the limit"),
+    (f"{APEX}.marking.displacement_transfer", "allowed_shares", "holding faces back"),
+    (f"{APEX}.marking.plan", "restrain", "holding faces back"),
+    (f"{APEX}.marking.plan", "fit_to_surface", "fitting to surfaces"),
+    (f"{APEX}.marking.plan", "surface_distance", "keeping to the limit"),
 )
-SIGHT_STAGES = (
+LOOK_STAGES = (
     ("meshmark.detection.extraction", "unsmooth", "undoing smoothing"),
-    (f"{APEX}.survey", "split", "pieces"),
-    (f"{APEX}.radial", "RadialDistances.__init__", "distances: factors"),
-    (f"{APEX}.radial", "RadialDistances.from_vertex", "distances: solves"),
-    (f"{APEX}.survey", "find_anchors", "anchors"),
-    (f"{APEX}.scheme", "vertex_weights", "whitening"),
-    (f"{APEX}.scheme", "profiles_of", "profiles"),
-    (f"{APEX}.scheme", "measure", "readings"),
+    (f"{APEX}.anchors.detect", "large_components", "components"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
+    (f"{APEX}.anchors.detect", "surface_anchors", "anchors"),
+    (f"{APEX}.scheme", "whitening_weights", "whitening"),
+    (f"{APEX}.scheme", "radial_histograms", "histograms"),
+    (f"{APEX}.scheme", "measure_chips", "chips"),
 )
 
 
@@ -161,7 +165,7 @@ def _stages(source: Path) -> tuple[Stages, Stages]:
     marking, looking = Stages(), Stages()
     with watched(marking, EMBED_STAGES), marking.within("everything else"):
         marked = embed_animation(animation, scheme, "apex", KEY, jobs=1).animation
-    with watched(looking, SIGHT_STAGES), looking.within("everything else"):
+    with watched(looking, LOOK_STAGES), looking.within("everything else"):
         evidence = Extraction(marked, scheme, "apex").look([0])
         with looking.within("judging"):
             judge(evidence, KEY)

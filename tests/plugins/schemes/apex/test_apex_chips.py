@@ -39,9 +39,9 @@ from meshmark_plugins.schemes.apex.chips.soft_chips import (
 from meshmark_plugins.schemes.apex.chips.unit_series import nearest_residue, relative_units
 from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
 from meshmark_plugins.schemes.apex.marking.gradients import (
-    chip_gradients,
+    chip_jacobian,
     distance_directions,
-    slid,
+    slide_field,
 )
 
 K, WIDTH = 14, 0.045
@@ -226,7 +226,7 @@ def horned():
     tips = [int(np.argmax(V @ axis)) for axis in ([1, 0.2, 0.1], [-0.3, 1, 0.2])]
     (field,) = geodesic_fields(V, F, np.array(tips))
     weights = whitening_weights(field, WIDTH)
-    J = chip_gradients(field, distance_directions(field), weights, WIDTH, K, len(V))
+    J = chip_jacobian(field, distance_directions(field), weights, WIDTH, K, len(V))
     return V, F, field, weights, J
 
 
@@ -292,11 +292,13 @@ def test_distances_slide_along_with_vertices():
     east = np.cross(south, V)
     way = np.where(middle, np.random.default_rng(0).uniform(-0.02, 0.02, len(V)), 0.0)
     down, aside = (unit(V + way[:, None] * along) for along in (south, east))
-    moved = slid(field, down)
+    moved = slide_field(field, down)
     np.testing.assert_array_equal(moved.V, down)
     np.testing.assert_allclose((moved.H - field.H)[0] * field.length_scale, way, atol=0.0005)
-    np.testing.assert_allclose(slid(field, aside).H, field.H, atol=0.0005 / field.length_scale)
-    np.testing.assert_array_equal(slid(field, V).H, field.H)
+    np.testing.assert_allclose(
+        slide_field(field, aside).H, field.H, atol=0.0005 / field.length_scale
+    )
+    np.testing.assert_array_equal(slide_field(field, V).H, field.H)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

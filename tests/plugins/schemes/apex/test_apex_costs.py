@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from meshmark.mesh.geometry import face_areas, vertex_areas
 from meshmark.testing.meshes import bumpy_sphere, icosphere, plane, torus
 from meshmark_plugins.schemes.apex.marking.energy import (
-    GUARD,
-    LEAST_MOBILITY,
+    GUARD_RADIUS,
+    MIN_MOBILITY,
     energy_over_poses,
-    guarded,
+    guard_weights,
 )
-from meshmark_plugins.schemes.apex.marking.sliding import FLATNESS, Sliding
-from meshmark_plugins.schemes.apex.marking.stretching import STIFFNESS, stretching_cost
+from meshmark_plugins.schemes.apex.marking.sliding import REFERENCE_SPREAD, SlidingCost
+from meshmark_plugins.schemes.apex.marking.stretching import STRETCHING_WEIGHT, stretching_cost
 
 WIDTH = 0.045
 FAR = np.inf
@@ -38,14 +38,16 @@ def on_right(V):
 
 def test_sliding_along_a_plane_costs_one_and_leaving_it_much_more():
     V, F = plane(5)
-    cost = Sliding(F, len(V)).cost(V)[inner(V)]
-    np.testing.assert_allclose(cost, np.broadcast_to(np.diag([1, 1, 1 + 1 / FLATNESS]), cost.shape))
+    cost = SlidingCost(F, len(V)).cost(V)[inner(V)]
+    np.testing.assert_allclose(
+        cost, np.broadcast_to(np.diag([1, 1, 1 + 1 / REFERENCE_SPREAD]), cost.shape)
+    )
 
 
 def test_leaving_a_border_costs_and_sliding_along_it_does_not():
     V, F = plane(9)
-    cost = Sliding(F, len(V)).cost(V)
-    assert np.all(cost[on_right(V), 0, 0] > 0.1 / FLATNESS)
+    cost = SlidingCost(F, len(V)).cost(V)
+    assert np.all(cost[on_right(V), 0, 0] > 0.1 / REFERENCE_SPREAD)
     np.testing.assert_allclose(cost[on_right(V), 1, 1], 1.0)
 
 
@@ -56,10 +58,10 @@ def test_the_rim_of_a_thin_sheet_holds_where_its_normals_do_not():
     back = np.where(border, np.arange(len(V)), len(V) + np.cumsum(~border) - 1)
     sheet = np.concatenate([F, back[F][:, ::-1]])
     both = np.concatenate([V, V[~border]])
-    sliding = Sliding(sheet, len(both))
+    sliding = SlidingCost(sheet, len(both))
     right = on_right(both)
     np.testing.assert_allclose(sliding.normal_spread(both)[right, 0, 0], 0.0, atol=1e-12)
-    assert np.all(sliding.cost(both)[right, 0, 0] > 0.3 / FLATNESS)
+    assert np.all(sliding.cost(both)[right, 0, 0] > 0.3 / REFERENCE_SPREAD)
     np.testing.assert_allclose(sliding.cost(both)[right, 1, 1], 1.0)
 
 
@@ -67,7 +69,7 @@ def test_rims_turn_with_the_mesh_and_are_small_on_what_is_smooth():
     rims = []
     for level in (2, 3):
         V, F = icosphere(level)
-        sliding = Sliding(F, len(V))
+        sliding = SlidingCost(F, len(V))
         turned = ROTATION @ sliding.rim_spread(V) @ ROTATION.T
         np.testing.assert_allclose(sliding.rim_spread(V @ ROTATION.T), turned, atol=1e-12)
         # All of it along the normals, which cost as much already.
@@ -82,7 +84,7 @@ def test_rims_turn_with_the_mesh_and_are_small_on_what_is_smooth():
 
 def test_sliding_over_a_bend_costs_more():
     V, F = torus(60, 30)
-    cost = Sliding(F, len(V)).cost(V)
+    cost = SlidingCost(F, len(V)).cost(V)
     assert np.linalg.eigvalsh(cost)[:, 0].min() >= 1.0
     # Along the outer rim the way around the tube bends more than the one around the axis.
     rim = np.argmax(V[:, 0])
@@ -93,7 +95,7 @@ def test_stretching_costs_the_square_of_the_slope_and_shifting_nothing():
     V, F = plane(9, side=3.0)
     S = stretching_cost(V, F, WIDTH).matrix()
     d = 2.0 * V[:, 0] - V[:, 1]
-    assert d @ S @ d == pytest.approx(STIFFNESS * (WIDTH / (2 * np.pi)) ** 2 * 5.0 * 9.0)
+    assert d @ S @ d == pytest.approx(STRETCHING_WEIGHT * (WIDTH / (2 * np.pi)) ** 2 * 5.0 * 9.0)
     np.testing.assert_allclose(S @ np.ones(len(V)), 0.0, atol=1e-15)
     larger = stretching_cost(100.0 * V, F, WIDTH).matrix()
     np.testing.assert_allclose(larger.toarray(), S.toarray(), atol=1e-15)
@@ -116,9 +118,14 @@ def test_the_strain_of_a_linear_displacement_is_that_of_its_matrix(seed, side):
 
 
 def test_anchors_are_guarded_and_what_is_far_from_them_is_free():
-    H = np.array([[0.0, GUARD, 10 * GUARD, 10 * GUARD], [10 * GUARD, 10 * GUARD, 0.0, 10 * GUARD]])
-    wanted = [LEAST_MOBILITY**-2, (1 - np.exp(-1)) ** -2, LEAST_MOBILITY**-2, 1.0]
-    np.testing.assert_allclose(guarded(H), wanted)
+    H = np.array(
+        [
+            [0.0, GUARD_RADIUS, 10 * GUARD_RADIUS, 10 * GUARD_RADIUS],
+            [10 * GUARD_RADIUS, 10 * GUARD_RADIUS, 0.0, 10 * GUARD_RADIUS],
+        ]
+    )
+    wanted = [MIN_MOBILITY**-2, (1 - np.exp(-1)) ** -2, MIN_MOBILITY**-2, 1.0]
+    np.testing.assert_allclose(guard_weights(H), wanted)
 
 
 def unmoved(V):

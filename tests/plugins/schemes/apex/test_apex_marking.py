@@ -27,15 +27,15 @@ from meshmark_plugins.schemes.apex.anchors.track import (
 )
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import OFFSETS, ScaleHypotheses
 from meshmark_plugins.schemes.apex.chips.unit_series import nearest_residue, relative_units
+from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
 from meshmark_plugins.schemes.apex.marking.plan import (
-    POSES,
+    MAX_POSES_PER_KEYFRAME,
     SurfacePlan,
-    key_frames,
-    poses_about,
+    poses_of_keyframe,
     require_capacity,
+    spread_keyframes,
     within_limit,
 )
-from meshmark_plugins.schemes.apex.marking.pose_constraints import Cover
 from meshmark_plugins.schemes.apex.scheme import Apex
 
 HORNS = np.array(
@@ -79,38 +79,38 @@ def test_of_too_many_anchors_the_most_prominent_are_kept():
     assert sorted(lasting_horns(np.array([[1.2, 1.8, 1.2, 1.8, 1.8]]), most=3)) == [1, 3, 4]
 
 
-# Key frames.
+# Keyframes.
 
 
 def test_fewer_frames_than_hold_have_one_key():
-    assert key_frames(1, 8).tolist() == key_frames(8, 8).tolist() == [0.0]
-    assert key_frames(9, 8).tolist() == [0.0, 8.0]
-    assert key_frames(16, 8).tolist() == [0.0, 15.0]
-    assert key_frames(17, 8).tolist() == [0.0, 8.0, 16.0]
-    assert key_frames(3, 1).tolist() == [0.0, 1.0, 2.0]
+    assert spread_keyframes(1, 8).tolist() == spread_keyframes(8, 8).tolist() == [0.0]
+    assert spread_keyframes(9, 8).tolist() == [0.0, 8.0]
+    assert spread_keyframes(16, 8).tolist() == [0.0, 15.0]
+    assert spread_keyframes(17, 8).tolist() == [0.0, 8.0, 16.0]
+    assert spread_keyframes(3, 1).tolist() == [0.0, 1.0, 2.0]
 
 
 @given(st.integers(1, 2000), st.integers(1, 100))
 def test_keys_span_the_animation_at_least_hold_frames_apart(n_frames, hold):
-    keys = key_frames(n_frames, hold)
-    assert keys[0] == 0.0
-    if len(keys) > 1:
-        assert keys[-1] == n_frames - 1
+    keyframes = spread_keyframes(n_frames, hold)
+    assert keyframes[0] == 0.0
+    if len(keyframes) > 1:
+        assert keyframes[-1] == n_frames - 1
         # Never sooner: a mark that changes faster than it may would be seen.
-        assert hold <= np.diff(keys).min() <= np.diff(keys).max() < 2 * hold
+        assert hold <= np.diff(keyframes).min() <= np.diff(keyframes).max() < 2 * hold
     else:
         assert n_frames - 1 < hold
 
 
 @given(st.integers(1, 500), st.integers(1, 60))
 def test_a_key_serves_the_frames_up_to_its_neighbours(n_frames, hold):
-    keys = key_frames(n_frames, hold)
-    for j in range(len(keys)):
-        poses = poses_about(keys, j, n_frames)
-        assert len(poses) <= POSES
+    keyframes = spread_keyframes(n_frames, hold)
+    for j in range(len(keyframes)):
+        poses = poses_of_keyframe(keyframes, j, n_frames)
+        assert len(poses) <= MAX_POSES_PER_KEYFRAME
         assert poses == sorted(set(poses))
-        low = keys[max(j - 1, 0)]
-        high = keys[j + 1] if j + 1 < len(keys) else n_frames - 1
+        low = keyframes[max(j - 1, 0)]
+        high = keyframes[j + 1] if j + 1 < len(keyframes) else n_frames - 1
         assert (poses[0], poses[-1]) == (round(low), round(high))
 
 
@@ -123,14 +123,14 @@ def kept(d) -> ScratchFile:
 
 def test_frames_between_keys_blend_theirs():
     d = np.random.default_rng(0).normal(size=(3, 12))
-    cover = Cover(np.zeros((4, 3)), np.zeros((1, 3), int))
-    plan = SurfacePlan(cover, np.array([0, 2.5, 10]), kept(d), 1)
-    np.testing.assert_array_equal([plan.at(0), plan.at(10)], d[[0, 2]])
-    np.testing.assert_allclose(plan.at(1), 0.6 * d[0] + 0.4 * d[1])
-    np.testing.assert_allclose(plan.at(4), 0.8 * d[1] + 0.2 * d[2])
-    alone = replace(plan, keys=np.zeros(1), displacements=kept(d[:1]))
-    np.testing.assert_array_equal([alone.at(0), alone.at(7)], d[[0, 0]])
-    np.testing.assert_array_equal(replace(plan, scale=0.25).at(10), 0.25 * d[2])
+    transfer = DisplacementTransfer(np.zeros((4, 3)), np.zeros((1, 3), int))
+    plan = SurfacePlan(transfer, np.array([0, 2.5, 10]), kept(d), 1)
+    np.testing.assert_array_equal([plan.displacement(0), plan.displacement(10)], d[[0, 2]])
+    np.testing.assert_allclose(plan.displacement(1), 0.6 * d[0] + 0.4 * d[1])
+    np.testing.assert_allclose(plan.displacement(4), 0.8 * d[1] + 0.2 * d[2])
+    alone = replace(plan, keyframes=np.zeros(1), displacements=kept(d[:1]))
+    np.testing.assert_array_equal([alone.displacement(0), alone.displacement(7)], d[[0, 0]])
+    np.testing.assert_array_equal(replace(plan, scale=0.25).displacement(10), 0.25 * d[2])
 
 
 # Marks.
@@ -148,9 +148,9 @@ def hypothesis_as_marked(frame):
 def test_every_horn_reads_the_word_it_was_given_and_did_not_before():
     animation = horned(AT_REST)
     frame, scheme = animation[0], Apex()
-    layout = require_capacity(FrameAnchors(animation, 1), scheme.parameters)
+    anchors = require_capacity(FrameAnchors(animation, 1), scheme.parameters)
     plan = scheme.plan(animation, WORDS)
-    words, hypothesis = WORDS[layout.words], hypothesis_as_marked(frame)
+    words, hypothesis = WORDS[anchors.words], hypothesis_as_marked(frame)
     before, after = (
         scheme.observe(frame.moved(P)).soft[hypothesis] @ words.T
         for P in (frame.points, plan.mark(0, frame))
@@ -193,9 +193,9 @@ def test_keys_before_and_after_the_middle_come_out_alike_in_any_number_of_proces
     coarse = build_creature(points=3000).select([0, 8, 16])
     plans = [Apex(hold=1).plan(coarse, WORDS, jobs=jobs) for jobs in (1, 2)]
     for t in range(3):
-        np.testing.assert_array_equal(plans[0].at(t), plans[1].at(t))
-    assert len(plans[0].keys) == 3
-    assert plans[0].at(0).any()
+        np.testing.assert_array_equal(plans[0].displacement(t), plans[1].displacement(t))
+    assert len(plans[0].keyframes) == 3
+    assert plans[0].displacement(0).any()
 
 
 def mean_mrms(plan, animation):
@@ -216,19 +216,19 @@ def test_a_marked_creature_keeps_its_surface_and_turns_no_face(gallop, gallop_pl
 def test_what_one_pose_would_hold_back_is_held_back_in_all(gallop, gallop_plan):
     for t, frame in enumerate(gallop):
         surface = ClosestPoints(frame.points, frame.faces)
-        _, share = gallop_plan.cover.laid(frame.points, gallop_plan.at(t), surface)
+        _, share = gallop_plan.transfer.apply(frame.points, gallop_plan.displacement(t), surface)
         assert np.mean(share < 1.0) < 1e-3
 
 
 def test_anchors_stay_where_they_are(gallop, gallop_plan):
-    length = np.linalg.norm(gallop_plan.at(0).reshape(-1, 3), axis=1)
+    length = np.linalg.norm(gallop_plan.displacement(0).reshape(-1, 3), axis=1)
     assert length[lasting_anchors(FrameAnchors(gallop, 1), 8)].max() < 1e-4 * length.max()
 
 
 def test_marking_fits_what_was_laid_on_the_surface_to_it(gallop, gallop_plan):
     P, F = gallop[0].points, gallop[0].faces
-    laid, _ = gallop_plan.cover.laid(P, gallop_plan.at(0), ClosestPoints(P, F))
-    assert mrms(P, F, gallop_plan.mark(0, gallop[0]), F) < 0.7 * mrms(P, F, laid, F)
+    transferred, _ = gallop_plan.transfer.apply(P, gallop_plan.displacement(0), ClosestPoints(P, F))
+    assert mrms(P, F, gallop_plan.mark(0, gallop[0]), F) < 0.7 * mrms(P, F, transferred, F)
 
 
 def test_a_plan_is_weakened_to_the_limit_and_not_much_below_it(gallop, gallop_plan):
@@ -237,7 +237,9 @@ def test_a_plan_is_weakened_to_the_limit_and_not_much_below_it(gallop, gallop_pl
     assert 0.9 * limit < mean_mrms(weaker, gallop) <= limit
     # All of it alike.
     for t in range(3):
-        np.testing.assert_allclose(weaker.at(t), weaker.scale * gallop_plan.at(t), atol=1e-12)
+        np.testing.assert_allclose(
+            weaker.displacement(t), weaker.scale * gallop_plan.displacement(t), atol=1e-12
+        )
     assert within_limit(gallop_plan, gallop, 1e-2) is gallop_plan
 
 

@@ -33,7 +33,7 @@ from meshmark_plugins.schemes.apex.chips.word_index import (
     geodesic_disc_areas,
     word_position,
 )
-from meshmark_plugins.schemes.apex.marking.anchor_words import lay_out
+from meshmark_plugins.schemes.apex.marking.marked_anchors import assign_units_and_words
 from meshmark_plugins.schemes.apex.parameters import Parameters
 
 PARAMETERS = Parameters(16, 0.04, 8, 0.36, 2.2e-4, 8)
@@ -123,17 +123,17 @@ def test_positions_go_with_the_logarithm_of_the_disc_area_and_words_are_the_near
     assert np.abs(crowded - 20).max() <= 2
 
 
-def test_a_layout_gives_every_anchor_a_unit_and_a_word_of_its_own():
+def test_every_anchor_is_given_a_unit_and_a_word_of_its_own():
     V, F = capsule(48, 100, 0.6)
     animation = MeshAnimation.from_arrays(V[None], F)
-    anchors = np.array([len(V) - 1, len(V) - 2])
-    layout = lay_out(animation, anchors, PARAMETERS, 1)
-    assert layout.anchors is anchors
+    vertices = np.array([len(V) - 1, len(V) - 2])
+    anchors = assign_units_and_words(animation, vertices, PARAMETERS, 1)
+    assert anchors.vertices is vertices
     length = reference_root_area(V, F)
     np.testing.assert_allclose(
-        layout.units, relative_units(length, np.array([nearest_residue(length)]))[0]
+        anchors.units, relative_units(length, np.array([nearest_residue(length)]))[0]
     )
     # Both ends are alike: neighbouring words.
-    assert abs(int(layout.words[0]) - int(layout.words[1])) == 1
-    ((rows, field),) = layout.measured(V, F)
-    np.testing.assert_array_equal(anchors[rows], field.anchors)
+    assert abs(int(anchors.words[0]) - int(anchors.words[1])) == 1
+    ((rows, field),) = anchors.fields(V, F)
+    np.testing.assert_array_equal(vertices[rows], field.anchors)

@@ -9,18 +9,18 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
-from meshmark_plugins.schemes.apex.marking.sliding import Sliding
+from meshmark_plugins.schemes.apex.marking.sliding import SlidingCost
 from meshmark_plugins.schemes.apex.marking.stretching import Stretching, stretching_cost
 
 # About an anchor vertices hardly move, or it would be found elsewhere; in root areas.
-GUARD = 0.05
+GUARD_RADIUS = 0.05
 # What a guarded vertex moves at most, as a share of what it would.
-LEAST_MOBILITY = 1e-3
+MIN_MOBILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """A quadratic cost of displacements, in units of the mesh's root area.
+    """A quadratic cost of displacements, which are given in root areas of the mesh.
 
     Parameters
     ----------
@@ -60,10 +60,10 @@ class WeightedEnergy:
         return bsr_matrix((inverse, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
 
 
-def guarded(H: FloatArray) -> FloatArray:
-    """How much dearer moves are near anchors, (n,), from distances (m, n) in root areas."""
-    mobility = np.prod(1.0 - np.exp(-((H / GUARD) ** 2)), axis=0)
-    return np.maximum(mobility, LEAST_MOBILITY) ** -2.0
+def guard_weights(H: FloatArray) -> FloatArray:
+    """Factors to the cost of moves near anchors, (n,), from distances (m, n) in root areas."""
+    mobility = np.prod(1.0 - np.exp(-((H / GUARD_RADIUS) ** 2)), axis=0)
+    return np.maximum(mobility, MIN_MOBILITY) ** -2.0
 
 
 def energy_over_poses(
@@ -76,7 +76,7 @@ def energy_over_poses(
     poses : list of ((N, 3), (N, 3, 3)) float64
         Positions in each pose, and the gradients that carry displacements there.
     """
-    sliding = Sliding(F, len(V))
+    sliding = SlidingCost(F, len(V))
     carried = [
         np.einsum("nji,njk,nkl->nil", G, sliding.cost(P), G, optimize=True) for P, G in poses
     ]

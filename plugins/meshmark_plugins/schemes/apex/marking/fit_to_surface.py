@@ -1,4 +1,4 @@
-"""Moves vertices along their normals until the marked surface lies on the original one."""
+"""Fits a marked surface to the original one by moves along normals."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors, lengths, unit, vertex_normals
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 
-ROUNDS = 2
-ITERATIONS = 12
+FITTING_ROUNDS = 2
+CG_ITERATIONS = 12
+CG_TOLERANCE = 1e-6
 # Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
-DAMPING = 0.02
+FIT_DAMPING = 0.02
 # Points of a triangle that are to lie on the original, in barycentric coordinates.
-_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+_TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
 
 
-def refit(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
+def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
     """Fit a surface to another one, moving vertices along their normals only.
 
     Parameters
@@ -38,7 +39,7 @@ def refit(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
     """
     # Moves along normals hardly change which triangle of the original is the closest.
     nearest = original.faces(_samples(V, F).reshape(-1, 3))
-    for _ in range(ROUNDS):
+    for _ in range(FITTING_ROUNDS):
         normals = vertex_normals(V, F)
         V = V + _offsets(V, F, normals, original, nearest)[:, None] * normals
     return V
@@ -46,13 +47,13 @@ def refit(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
 
 def _samples(V: FloatArray, F: IntArray) -> FloatArray:
     """Spread points over the triangles, (F, 4, 3)."""
-    return _SAMPLES @ V[F]
+    return _TRIANGLE_SAMPLES @ V[F]
 
 
 def _offsets(
     V: FloatArray, F: IntArray, normals: FloatArray, original: ClosestPoints, nearest: IntArray
 ) -> FloatArray:
-    n_samples = len(_SAMPLES)
+    n_samples = len(_TRIANGLE_SAMPLES)
     vectors = area_vectors(V, F)
     areas, n = lengths(vectors), unit(vectors)
     Q = _samples(V, F)
@@ -60,12 +61,12 @@ def _offsets(
     wanted = np.einsum("fsx,fx->fs", foot - Q, n)
     weight = np.sqrt(np.maximum(areas, 1e-3 * areas.mean()) / n_samples)
     along = np.einsum("fkx,fx->fk", normals[F], n) * weight[:, None]
-    values = _SAMPLES[None] * along[:, None, :]
+    values = _TRIANGLE_SAMPLES[None] * along[:, None, :]
     rows = np.repeat(np.arange(len(F) * n_samples), 3)
     columns = np.repeat(F, n_samples, axis=0).ravel()
     M = csr_matrix((values.ravel(), (rows, columns)), shape=(len(F) * n_samples, len(V)))
     A = csr_matrix(M.T @ M)
     diagonal = A.diagonal()
-    A = csr_matrix(A + DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
+    A = csr_matrix(A + FIT_DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
     b = M.T @ (wanted * weight[:, None]).ravel()
-    return solve(A, b, np.zeros(len(V)), 1.0 / A.diagonal(), ITERATIONS, 1e-6)
+    return solve(A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)

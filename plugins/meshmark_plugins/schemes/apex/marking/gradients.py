@@ -1,4 +1,4 @@
-"""How chips change when vertices slide: the linear model behind the embedding."""
+"""How distances and chips change when vertices slide, to first order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 
 
 def distance_directions(field: GeodesicField) -> FloatArray:
-    """Compute at vertices where the distance from each anchor grows, (m, n, 3), unit vectors.
+    """Directions in which the distance from each anchor grows, (m, n, 3), unit vectors at vertices.
 
     Shorter than 1 where the triangles about a vertex disagree, as at the anchor and where paths
     from two sides meet.
@@ -31,8 +31,8 @@ def distance_directions(field: GeodesicField) -> FloatArray:
     return np.array(directions)
 
 
-def slid(field: GeodesicField, V: FloatArray) -> GeodesicField:
-    """Tell how far everything is from the anchors once vertices have slid a little, to V (n, 3).
+def slide_field(field: GeodesicField, V: FloatArray) -> GeodesicField:
+    """Update distances from the anchors for vertices that have slid a little, to V (n, 3).
 
     To first order: vertices slide by a tenth of a bin or so, over which the way from an anchor
     hardly turns, and measuring anew takes ten times as long.
@@ -42,7 +42,7 @@ def slid(field: GeodesicField, V: FloatArray) -> GeodesicField:
     return replace(field, V=V, H=np.maximum(field.H + change / field.length_scale, 0.0))
 
 
-def chip_gradients(
+def chip_jacobian(
     field: GeodesicField,
     directions: FloatArray,
     weights: FloatArray,
@@ -57,11 +57,11 @@ def chip_gradients(
     field : Neighbourhood
         A piece of m anchors.
     directions : (m, n, 3) float64
-        Where the distance from each anchor grows, in whatever coordinates vertices move in.
+        Directions in which the distance from each anchor grows, in the coordinates of the moves.
     weights : (n,) float64
         Whitening weights of its vertices.
     width : float
-        Width of a bin, in units of distance.
+        Width of a bin, in the length scale of distances.
     n_bins : int
         K.
     n_points : int
@@ -70,7 +70,7 @@ def chip_gradients(
     Returns
     -------
     (m K, 3 N) sparse float64
-        Change of each chip, anchor after anchor, by a move of each coordinate in units of the
+        Change of each chip, anchor after anchor, by a move of each coordinate in lengths of the
         mesh. Moves are taken to keep to the surface, and weights to stay.
     """
     rows = [

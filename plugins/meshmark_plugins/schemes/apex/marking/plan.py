@@ -1,4 +1,4 @@
-"""The plan of an animation's mark: displacements at key frames, blended in between."""
+"""The plan of an animation's mark: displacements at keyframes, blended in between."""
 
 from __future__ import annotations
 
@@ -20,44 +20,50 @@ from meshmark_plugins.schemes.apex.anchors.track import (
     anchors_in_poses,
     lasting_anchors,
 )
-from meshmark_plugins.schemes.apex.marking.anchor_words import Layout, lay_out
-from meshmark_plugins.schemes.apex.marking.fit_to_surface import refit
-from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keys
-from meshmark_plugins.schemes.apex.marking.pose_constraints import AskPose, Cover, held_chips
+from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
+from meshmark_plugins.schemes.apex.marking.fit_to_surface import fit_to_surface
+from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keyframes
+from meshmark_plugins.schemes.apex.marking.marked_anchors import (
+    MarkedAnchors,
+    assign_units_and_words,
+    count_usable_chips,
+)
+from meshmark_plugins.schemes.apex.marking.pose_constraints import PoseConstraints
 from meshmark_plugins.schemes.apex.parameters import Parameters
 
-# Poses looked at for each key frame: chips change from one pose to the next by as much as a mark
+# Poses measured for each keyframe: chips change from one pose to the next by as much as a mark
 # moves them, so that each pose left out is one badly served.
-POSES = 20
-# Fewer chips than this could not prove anything at one in a million, readings and words paid.
-FEWEST_CHIPS = 40
+MAX_POSES_PER_KEYFRAME = 20
+# Fewer chips than this prove nothing at one in a million, multiple testing over hypotheses and
+# words taken into account.
+MIN_CHIPS = 40
 # Frames whose distortion is measured, and points of the surface, to keep within the limit.
-TRIALS, TRIAL_POINTS = 4, 20_000
+MRMS_FRAMES, MRMS_SAMPLES = 4, 20_000
 # Distortion aimed at when it must be lowered, as a share of the limit.
-BELOW = 0.97
+MRMS_AIM = 0.97
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePlan:
-    """Displacements of the surface at key frames.
+    """Displacements of the surface at keyframes.
 
     Parameters
     ----------
-    cover : Cover
-        Carries displacements to other frames.
-    keys : (J,) float64
-        Frame of each key, increasing.
+    transfer : DisplacementTransfer
+        Transfers displacements to other frames.
+    keyframes : (J,) float64
+        Frame of each keyframe, increasing; a fraction where it lies between two.
     displacements : ScratchFile
-        Of each key, J arrays (N, 3) in root areas of the reference frame. Copies of the plan in
-        other processes read the same file, which goes with this one.
+        Of each keyframe, J arrays (N, 3) in root areas of the reference frame. Copies of the plan
+        in other processes read the same file, which goes with this one.
     carriers : int
         Number of anchors.
     scale : float
         Share of the displacements that is applied.
     """
 
-    cover: Cover
-    keys: FloatArray
+    transfer: DisplacementTransfer
+    keyframes: FloatArray
     displacements: ScratchFile
     carriers: int
     scale: float = 1.0
@@ -66,23 +72,24 @@ class SurfacePlan:
         """Return the marked positions (N, 3) of frame `index`."""
         P, F = frame.points, frame.faces
         original = ClosestPoints(P, F)
-        X, _ = self.cover.laid(P, self.at(index), original)
-        return restrain(P, refit(X, F, original), F, np.inf)
+        X, _ = self.transfer.apply(P, self.displacement(index), original)
+        return restrain(P, fit_to_surface(X, F, original), F, np.inf)
 
-    def at(self, index: int) -> FloatArray:
-        """Blend the displacements of the keys before and after a frame, (3 N,)."""
-        place = np.interp(index, self.keys, np.arange(len(self.keys)))
-        before = int(min(np.floor(place), len(self.keys) - 1))
-        after = min(before + 1, len(self.keys) - 1)
-        share = place - before
-        return (1.0 - share) * self._key(before) + share * self._key(after)
+    def displacement(self, index: int) -> FloatArray:
+        """Blend the displacements of the keyframes before and after a frame, (3 N,)."""
+        last = len(self.keyframes) - 1
+        j = np.interp(index, self.keyframes, np.arange(len(self.keyframes)))
+        before = int(min(np.floor(j), last))
+        share = j - before
+        of_before, of_after = map(self._of_keyframe, (before, min(before + 1, last)))
+        return (1.0 - share) * of_before + share * of_after
 
-    def _key(self, j: int) -> FloatArray:
+    def _of_keyframe(self, j: int) -> FloatArray:
         return self.scale * self.displacements.read(j).ravel()
 
 
-def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> Layout:
-    """Find the anchors to be marked, and how.
+def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> MarkedAnchors:
+    """Select the anchors to be marked, with their units and words.
 
     Raises
     ------
@@ -90,17 +97,17 @@ def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> Lay
         If they cannot hold a mark, with the reason and what to do.
     """
     animation = frame_anchors.animation
-    anchors = lasting_anchors(frame_anchors, parameters.words)
-    layout = lay_out(animation, anchors, parameters, frame_anchors.jobs)
+    vertices = lasting_anchors(frame_anchors, parameters.words)
+    anchors = assign_units_and_words(animation, vertices, parameters, frame_anchors.jobs)
     first = animation[0]
-    held = held_chips(first.points, first.faces, layout, parameters)
-    if held < FEWEST_CHIPS:
+    chips = count_usable_chips(first.points, first.faces, anchors, parameters)
+    if chips < MIN_CHIPS:
         raise CapacityError(
-            f"{len(first.points)} points give {held} chips, and a proof at one in a million takes "
-            f"{FEWEST_CHIPS}: the mesh is too coarse, or too little of it sticks out; subdivide "
+            f"{len(first.points)} points give {chips} chips, and a proof at one in a million takes "
+            f"{MIN_CHIPS}: the mesh is too coarse, or too little of it sticks out; subdivide "
             "it, or choose another scheme"
         )
-    return layout
+    return anchors
 
 
 def plan_animation(
@@ -114,31 +121,34 @@ def plan_animation(
         If it cannot hold one, with the reason and what to do.
     """
     frame_anchors = FrameAnchors(animation, jobs)
-    layout = require_capacity(frame_anchors, parameters)
+    anchors = require_capacity(frame_anchors, parameters)
     first = animation[0]
-    cover = Cover(first.points, first.faces)
-    keys = key_frames(len(animation), parameters.hold)
-    posed = [poses_about(keys, j, len(animation)) for j in range(len(keys))]
-    anchors = anchors_in_poses(frame_anchors, layout.anchors, sorted(set().union(*posed)))
-    ask = AskPose(animation, cover, layout, words[layout.words], parameters, anchors)
-    guards = geodesic_fields(cover.V, cover.F, np.unique(np.concatenate(list(anchors.values()))))
-    with Workers(ask, min(jobs, len(animation))) as workers:
-        solved = solve_keys(ask, guards, workers, posed, jobs)
-    plan = SurfacePlan(cover, keys, solved, len(layout.anchors))
+    transfer = DisplacementTransfer(first.points, first.faces)
+    keyframes = spread_keyframes(len(animation), parameters.hold)
+    poses = [poses_of_keyframe(keyframes, j, len(animation)) for j in range(len(keyframes))]
+    seen = anchors_in_poses(frame_anchors, anchors.vertices, sorted(set().union(*poses)))
+    constraints = PoseConstraints(
+        animation, transfer, anchors, words[anchors.words], parameters, seen
+    )
+    shown = np.unique(np.concatenate(list(seen.values())))
+    guards = geodesic_fields(transfer.V, transfer.F, shown)
+    with Workers(constraints, min(jobs, len(animation))) as workers:
+        solved = solve_keyframes(constraints, guards, workers, poses, jobs)
+    plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
     return within_limit(plan, animation, parameters.max_mrms, jobs)
 
 
-def key_frames(n_frames: int, hold: int) -> FloatArray:
-    """Spread key frames evenly, `hold` frames apart or somewhat more, (J,) float64."""
-    n_keys = 1 + (n_frames - 1) // hold
-    return np.linspace(0.0, n_frames - 1.0, n_keys) if n_keys > 1 else np.zeros(1)
+def spread_keyframes(n_frames: int, keyframe_interval: int) -> FloatArray:
+    """Spread keyframes evenly, an interval of frames apart or somewhat more, (J,) float64."""
+    n_keyframes = 1 + (n_frames - 1) // keyframe_interval
+    return np.linspace(0.0, n_frames - 1.0, n_keyframes) if n_keyframes > 1 else np.zeros(1)
 
 
-def poses_about(keys: FloatArray, j: int, n_frames: int) -> list[int]:
-    """Choose the frames a key's displacement must serve: up to those of its neighbours."""
-    low = keys[j - 1] if j > 0 else 0.0
-    high = keys[j + 1] if j + 1 < len(keys) else n_frames - 1.0
-    spread = np.linspace(low, high, min(POSES, int(high - low) + 1))
+def poses_of_keyframe(keyframes: FloatArray, j: int, n_frames: int) -> list[int]:
+    """Choose the frames that a keyframe's displacement must serve: up to its neighbours."""
+    low = keyframes[j - 1] if j > 0 else 0.0
+    high = keyframes[j + 1] if j + 1 < len(keyframes) else n_frames - 1.0
+    spread = np.linspace(low, high, min(MAX_POSES_PER_KEYFRAME, int(high - low) + 1))
     return [int(t) for t in np.unique(spread.round())]
 
 
@@ -146,13 +156,13 @@ def within_limit(
     plan: SurfacePlan, animation: MeshAnimation, max_mrms: float, jobs: int = 1
 ) -> SurfacePlan:
     """Weaken a plan until it distorts no more than it may."""
-    count = min(TRIALS, len(animation))
-    trials = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
+    count = min(MRMS_FRAMES, len(animation))
+    frames = np.unique(np.linspace(0, len(animation) - 1, count).round().astype(np.int64))
     while True:
-        mrms = ordered_map(_MeasureMRMS(plan, animation), trials.tolist(), jobs=jobs)
+        mrms = ordered_map(_MeasureMRMS(plan, animation), frames.tolist(), jobs=jobs)
         if (mean := float(np.mean(list(mrms)))) <= max_mrms:
             return plan
-        plan = replace(plan, scale=plan.scale * BELOW * max_mrms / mean)
+        plan = replace(plan, scale=plan.scale * MRMS_AIM * max_mrms / mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,5 +175,5 @@ class _MeasureMRMS:
     def __call__(self, index: int) -> float:
         frame = self.animation[index]
         X = self.plan.mark(index, frame)
-        found = surface_distance(frame.points, frame.faces, X, frame.faces, samples=TRIAL_POINTS)
+        found = surface_distance(frame.points, frame.faces, X, frame.faces, samples=MRMS_SAMPLES)
         return found.mrms / found.diagonal

@@ -8,10 +8,10 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
-FLATNESS = 0.003
+REFERENCE_SPREAD = 0.003
 
 
-class Sliding:
+class SlidingCost:
     """The cost of moving each vertex, by direction, in any pose of one triangulation.
 
     Parameters
@@ -47,7 +47,7 @@ class Sliding:
     def cost(self, V: FloatArray) -> FloatArray:
         """Cost of moving each vertex of V (N, 3), (N, 3, 3): 1 along planes, much more off them."""
         bend = self.normal_spread(V) + self.rim_spread(V)
-        return bend / FLATNESS + np.eye(3)
+        return bend / REFERENCE_SPREAD + np.eye(3)
 
     def normal_spread(self, V: FloatArray) -> FloatArray:
         """Mean of n n^T over the triangles about each vertex, by area, (N, 3, 3).

@@ -1,4 +1,4 @@
-"""The displacement that brings many chips to their targets at the least cost."""
+"""Solves for the displacement that brings chips to their targets at the least cost."""
 
 from __future__ import annotations
 
@@ -13,23 +13,22 @@ from meshmark.mesh.geometry import lengths
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 from meshmark_plugins.schemes.apex.marking.energy import Energy, WeightedEnergy
 
-# Rounds of: which chips still fall short, what moved or stretched far, solve.
-ROUNDS = 4
-ITERATIONS = 12
-TOLERANCE = 1e-3
-# How steeply the cost of a move rises beyond its reach, and that of a stretch beyond STRAIN:
-# at a strain of 1, triangles fold.
-STEEPNESS = 4
-STRAIN = 0.5
-# A chip's price rises with the share of its target that it lacks: a wrong bit costs more than
-# several that could be clearer. Prices at nothing lacking, by the square of what lacks, and the
-# share from which on they rise no more.
-CALM, URGENT, WORST = 0.5, 3.0, 1.5
+# Rounds of reweighting: which chips still fall short, what moved or stretched far, solve.
+REWEIGHTING_ROUNDS = 4
+CG_ITERATIONS = 12
+CG_TOLERANCE = 1e-3
+# A move beyond its reach costs more than its square, by 1 + (length / reach)^PENALTY_EXPONENT, and
+# so does a stretch beyond STRAIN_LIMIT: at a strain of 1, triangles fold.
+PENALTY_EXPONENT = 4
+STRAIN_LIMIT = 0.5
+# A chip's price rises with the share q of its target that it lacks, as BASE_PRICE + LACK_PRICE q^2
+# up to q = MAX_LACK: a wrong bit costs more than several that could be clearer.
+BASE_PRICE, LACK_PRICE, MAX_LACK = 0.5, 3.0, 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Demand:
-    """What one pose asks of the displacement.
+class LinearConstraints:
+    """What one pose asks of the displacement d: J d = change, each chip at its price.
 
     Parameters
     ----------
@@ -38,25 +37,25 @@ class Demand:
     change : (k,) float64
         Change each chip needs, from no displacement at all.
     target : (k,) float64
-        Where that leads it.
-    weight : (k,) float64
+        Value of each chip, in the sense of its word, once it has changed so.
+    price : (k,) float64
         Price of a unit of shortfall, squared; 0 for an erasure.
     """
 
     J: csr_matrix
     change: FloatArray
     target: FloatArray
-    weight: FloatArray
+    price: FloatArray
 
 
-def displacement(
-    demands: list[Demand], energy: Energy, reach: float, start: FloatArray
+def solve_displacement(
+    constraints: list[LinearConstraints], energy: Energy, reach: float, start: FloatArray
 ) -> FloatArray:
-    """Minimise energy plus the weighted squares of what the chips fall short of.
+    """Minimise the energy plus the chips' squared shortfalls times their prices.
 
     Parameters
     ----------
-    demands : list of Demand
+    constraints : list of LinearConstraints
         One for each pose; all poses count alike.
     energy : Energy
         Cost of displacements.
@@ -72,37 +71,42 @@ def displacement(
     Notes
     -----
     A chip beyond its target costs nothing, one far from it more than its square, and so do long
-    moves and strong stretches: all are dealt with by solving again with new weights, half way
-    (in their logarithms) from the old ones, which would swing to and fro otherwise. The same
-    chip asks for much the same in every pose; its mean over the poses, a matrix of as many rows
-    as one pose has chips, makes the preconditioner.
+    moves and strong stretches. All are dealt with by iteratively reweighted least squares: by
+    solving again with new weights, half way (in their logarithms) from the old ones, which would
+    swing to and fro otherwise. Each solution is by conjugate gradients. The same chip asks for
+    much the same in every pose; its mean over the poses, a matrix of as many rows as one pose
+    has chips, makes the preconditioner.
     """
-    J = csr_matrix(vstack([demand.J for demand in demands], format="csr"))
+    J = csr_matrix(vstack([pose.J for pose in constraints], format="csr"))
     JT = csr_matrix(J.T)
-    change = np.concatenate([demand.change for demand in demands])
-    target = np.concatenate([demand.target for demand in demands])
-    price = np.concatenate([demand.weight for demand in demands]) / len(demands)
+    change = np.concatenate([pose.change for pose in constraints])
+    target = np.concatenate([pose.target for pose in constraints])
+    price = np.concatenate([pose.price for pose in constraints]) / len(constraints)
     d, active = start, price
-    urgency, moving, stretching = np.ones(len(price)), *_dearer(energy, reach, start)
-    for turn in range(ROUNDS):
+    urgency, moving, stretching = np.ones(len(price)), *_penalties(energy, reach, start)
+    for turn in range(REWEIGHTING_ROUNDS):
         if turn > 0:
             lacking = np.maximum(change - J @ d, 0.0) / target
-            urgency = np.sqrt(urgency * (CALM + URGENT * np.minimum(lacking, WORST) ** 2))
+            urgency = np.sqrt(
+                urgency * (BASE_PRICE + LACK_PRICE * np.minimum(lacking, MAX_LACK) ** 2)
+            )
             active = np.where(lacking > 0.0, urgency * price, 0.0)
-            far, strong = _dearer(energy, reach, d)
+            far, strong = _penalties(energy, reach, d)
             moving, stretching = np.sqrt(moving * far), np.sqrt(stretching * strong)
         cost = energy.weighted(moving, stretching)
         operator = _Operator(cost, J, JT, active)
-        inverse = _Preconditioner(cost, demands, active)
-        d = solve(operator, JT @ (active * change), d, inverse, ITERATIONS, TOLERANCE)
+        inverse = _Preconditioner(cost, constraints, active)
+        d = solve(operator, JT @ (active * change), d, inverse, CG_ITERATIONS, CG_TOLERANCE)
     return d
 
 
-def _dearer(energy: Energy, reach: float, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How much dearer moving each vertex and stretching each triangle is than its square."""
+def _penalties(energy: Energy, reach: float, d: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factors to the squared cost of moving each vertex, and of stretching each triangle."""
     length = lengths(d.reshape(-1, 3))
     strain = energy.stretching.strains(d)
-    return 1.0 + (length / reach) ** STEEPNESS, 1.0 + (strain / STRAIN) ** STEEPNESS
+    return 1.0 + (length / reach) ** PENALTY_EXPONENT, 1.0 + (
+        strain / STRAIN_LIMIT
+    ) ** PENALTY_EXPONENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,18 +121,20 @@ class _Operator:
 
 
 class _Preconditioner:
-    """Inverse of the block diagonal plus the mean chips, by Woodbury's identity."""
+    """Inverse of the energy's block diagonal plus the mean chips, by the Woodbury identity."""
 
-    def __init__(self, cost: WeightedEnergy, demands: list[Demand], active: FloatArray) -> None:
+    def __init__(
+        self, cost: WeightedEnergy, constraints: list[LinearConstraints], active: FloatArray
+    ) -> None:
         self._inverse = cost.inverse_blocks()
-        k = len(demands[0].change)
-        weights = active.reshape(len(demands), k)
+        k = len(constraints[0].change)
+        weights = active.reshape(len(constraints), k)
         total = weights.sum(axis=0)
         kept = np.flatnonzero(total > 0.0)
-        self._mean = csr_matrix((len(kept), demands[0].J.shape[1]))
-        for demand, weight in zip(demands, weights, strict=True):
+        self._mean = csr_matrix((len(kept), constraints[0].J.shape[1]))
+        for pose, weight in zip(constraints, weights, strict=True):
             share = weight[kept] / total[kept]
-            self._mean = self._mean + diags_array(share) @ demand.J[kept]
+            self._mean = self._mean + diags_array(share) @ pose.J[kept]
         self._mean = csr_matrix(self._mean)
         self._spread = csr_matrix(self._inverse @ self._mean.T)
         small = (self._mean @ self._spread).toarray() + np.diag(1.0 / total[kept])

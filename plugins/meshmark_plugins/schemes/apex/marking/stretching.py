@@ -12,24 +12,24 @@ from meshmark.mesh.geometry import face_areas
 from meshmark_plugins.schemes.apex.linear_algebra.laplacian import stiffness
 
 # Weight of stretching beside moving, for stretches over a bin.
-STIFFNESS = 3.0
-# A triangle of a mean area's share below 1 / SLIVER is no stiffer than that.
-SLIVER = 50.0
-# Smallest area, as a share of the mean one, that slopes over a triangle are divided by.
-LEAST_AREA = 1e-3
+STRETCHING_WEIGHT = 3.0
+# A triangle smaller than the mean one is made stiffer by the ratio of areas, but no more than this.
+MAX_SLIVER_WEIGHT = 50.0
+# Smallest area, as a share of the mean one, that gradients over a triangle are divided by.
+MIN_AREA_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Stretching:
-    """The cost of stretching a surface, triangle by triangle.
+    """The Dirichlet energy of displacements of a surface, triangle by triangle.
 
     Parameters
     ----------
     F : (F, 3) int
         Triangles.
-    along : (F, 3) float64
+    corner_products : (F, 3) float64
         Inner product of the two sides at each corner, in root areas squared.
-    across : (F,) float64
+    double_areas : (F,) float64
         Twice the area of each triangle, in root areas squared.
     weight : (F,) float64
         What a unit of |grad d|^2 costs in each triangle, by its area.
@@ -38,8 +38,8 @@ class Stretching:
     """
 
     F: IntArray
-    along: FloatArray
-    across: FloatArray
+    corner_products: FloatArray
+    double_areas: FloatArray
     weight: FloatArray
     n_points: int
 
@@ -49,12 +49,12 @@ class Stretching:
         square = np.zeros(len(self.F))
         for k in range(3):
             change = moves[:, (k + 2) % 3] - moves[:, (k + 1) % 3]
-            square += self.along[:, k] * np.einsum("fx,fx->f", change, change)
-        return np.sqrt(np.maximum(square, 0.0)) / self.across
+            square += self.corner_products[:, k] * np.einsum("fx,fx->f", change, change)
+        return np.sqrt(np.maximum(square, 0.0)) / self.double_areas
 
     def matrix(self, factor: FloatArray | float = 1.0) -> csr_matrix:
         """Assemble the cost (N, N), each triangle made `factor` times as dear."""
-        by_corner = 0.5 * self.along * (factor * self.weight / self.across)[:, None]
+        by_corner = 0.5 * self.corner_products * (factor * self.weight / self.double_areas)[:, None]
         return stiffness(self.F, by_corner, self.n_points)
 
 
@@ -75,12 +75,14 @@ def stretching_cost(V: FloatArray, F: IntArray, width: float) -> Stretching:
     """
     areas = face_areas(V, F)
     total, mean = areas.sum(), areas.mean()
-    heavier = np.minimum(mean / np.maximum(areas, 1e-12 * mean), SLIVER)
-    along = np.empty(F.shape)
+    heavier = np.minimum(mean / np.maximum(areas, 1e-12 * mean), MAX_SLIVER_WEIGHT)
+    corner_products = np.empty(F.shape)
     for k in range(3):
         u = V[F[:, (k + 1) % 3]] - V[F[:, k]]
         v = V[F[:, (k + 2) % 3]] - V[F[:, k]]
-        along[:, k] = np.einsum("ij,ij->i", u, v) / total
-    across = 2.0 * np.maximum(areas, LEAST_AREA * mean) / total
+        corner_products[:, k] = np.einsum("ij,ij->i", u, v) / total
+    double_areas = 2.0 * np.maximum(areas, MIN_AREA_SHARE * mean) / total
     length = width / (2.0 * np.pi)
-    return Stretching(F, along, across, STIFFNESS * length**2 * heavier, len(V))
+    return Stretching(
+        F, corner_products, double_areas, STRETCHING_WEIGHT * length**2 * heavier, len(V)
+    )

@@ -1,4 +1,4 @@
-"""Takes the folds out of a displacement before they have to be held back vertex by vertex."""
+"""Smooths the folds out of a displacement, before vertices have to be held back one by one."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from meshmark.mesh.flip_guard import face_normals
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import vertex_adjacency
 
-ITERATIONS = 20
-# A face that tilts by more than this cosine is ironed: sooner than it would be held back, whose
-# corners' moves are halved and then fold the faces beside it.
-LEAST_COSINE = 0.35
+SMOOTHING_ITERATIONS = 20
+# A face folds if the cosine of its tilt is less than this: it is smoothed sooner than the flip
+# guard would hold it back, which halves its corners' moves, and so folds the faces beside it.
+MIN_TILT_COSINE = 0.35
 
 
-class Folds:
-    """Finds and irons out the folds that a displacement makes in some poses.
+class FoldSmoother:
+    """Finds and smooths the folds that a displacement makes in some poses.
 
     Parameters
     ----------
     F : (F, 3) int
         Triangles.
     root_area : float
-        Length of a unit of displacement.
+        Length in which displacements are given.
     poses : list of ((N, 3), (N, 3, 3)) float64
         Positions in each pose, and the gradients that carry displacements there.
     """
@@ -39,7 +39,7 @@ class Folds:
         degree = np.maximum(np.asarray(adjacency.sum(axis=1)).ravel(), 1.0)
         self._mean = csr_matrix(diags_array(1.0 / degree) @ adjacency)
 
-    def ironed(self, d: FloatArray) -> FloatArray:
+    def smooth_folds(self, d: FloatArray) -> FloatArray:
         """Move the corners of folds half way to the mean of their neighbours, again and again.
 
         Parameters
@@ -53,19 +53,19 @@ class Folds:
             With few folds left; none is promised.
         """
         moves = d.reshape(-1, 3).copy()
-        for _ in range(ITERATIONS):
-            corners = np.unique(self._F[self.found(moves)])
+        for _ in range(SMOOTHING_ITERATIONS):
+            corners = np.unique(self._F[self.folded_faces(moves)])
             if corners.size == 0:
                 break
             moves[corners] = 0.5 * (moves[corners] + self._mean[corners] @ moves)
         return moves.ravel()
 
-    def found(self, moves: FloatArray) -> NDArray[np.bool_]:
+    def folded_faces(self, moves: FloatArray) -> NDArray[np.bool_]:
         """Which faces tilt too far in some pose, (F,) bool, for moves (N, 3)."""
         folded = np.zeros(len(self._F), dtype=bool)
         for (P, G), before in zip(self._poses, self._normals, strict=True):
             X = P + self._root_area * np.einsum("nij,nj->ni", G, moves)
             after = face_normals(X, self._F)
             size = lengths(before) * lengths(after)
-            folded |= np.einsum("ij,ij->i", before, after) < LEAST_COSINE * size
+            folded |= np.einsum("ij,ij->i", before, after) < MIN_TILT_COSINE * size
         return folded

@@ -1,0 +1,72 @@
+"""One displacement of the reference surface, as it lies in other poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.deformation import Deformation
+from meshmark.mesh.flip_guard import allowed_shares
+from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.topology import face_components
+
+
+@dataclass(frozen=True, eq=False)
+class DisplacementTransfer:
+    """Transfers displacements of a reference frame, in its root areas, to other frames.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Positions of the reference frame.
+    F : (F, 3) int
+        Triangles of all frames.
+    """
+
+    V: FloatArray
+    F: IntArray
+
+    @cached_property
+    def root_area(self) -> float:
+        """Square root of the reference frame's area."""
+        return float(np.sqrt(face_areas(self.V, self.F).sum()))
+
+    @cached_property
+    def label(self) -> IntArray:
+        """Edge-connected component of each triangle, (F,) int."""
+        return face_components(self.F)
+
+    @cached_property
+    def deformation(self) -> Deformation:
+        """How the surface turns and stretches from the reference to other frames."""
+        return Deformation(self.V, self.F)
+
+    def apply(
+        self, P: FloatArray, d: FloatArray, original: ClosestPoints
+    ) -> tuple[FloatArray, FloatArray]:
+        """Apply a displacement (3 N,) to another frame, and lay it on that frame's surface.
+
+        Parameters
+        ----------
+        P : (N, 3) float64
+            Positions of the frame.
+        d : (3 N,) float64
+            The displacement, in root areas of the reference frame.
+        original : ClosestPoints
+            The frame's surface.
+
+        Returns
+        -------
+        X : (N, 3) float64
+            Positions on the surface P, no face turned over.
+        share : (N,) float64
+            How much of its move that left each vertex.
+        """
+        moves = self.root_area * self.deformation.carry(d.reshape(-1, 3), P)
+        wanted = original.points(P + moves)
+        share = allowed_shares(P, wanted, self.F, np.inf)
+        return P + share[:, None] * (wanted - P), share
