@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import lengths, unit
+from meshmark.mesh.geometry import lengths, normalized
 from meshmark.mesh.topology import boundary_edges, edges
 
 # Triangles about one edge among which the straightest way on is looked for.
@@ -91,7 +91,7 @@ def _links(V: FloatArray, sides: _Sides, patch: IntArray) -> IntArray:
     kind = kind.reshape(-1)
     length = lengths(along)
     total = np.bincount(kind, length)
-    edge, pairs = _straightest(V, sides, unit(along))
+    edge, pairs = _straightest(V, sides, normalized(along))
     voted = np.column_stack([kind[edge], np.sort(patch[pairs], axis=1)])
     choice, of = np.unique(voted, axis=0, return_inverse=True)
     votes = np.bincount(of.reshape(-1), length[edge], len(choice))
@@ -111,7 +111,7 @@ def _straightest(V: FloatArray, sides: _Sides, along: FloatArray) -> tuple[IntAr
     E, k = sides.face.shape
     out = V[sides.apex] - V[sides.low][:, None]
     out -= (out * along[:, None]).sum(axis=2, keepdims=True) * along[:, None]
-    out = unit(out.reshape(-1, 3)).reshape(E, k, 3)
+    out = normalized(out.reshape(-1, 3)).reshape(E, k, 3)
     one, two = np.triu_indices(k, 1)
     straight = -(out[:, one] * out[:, two]).sum(axis=2)
     rows = np.arange(E)

@@ -49,7 +49,7 @@ def vertex_areas(V: FloatArray, F: IntArray) -> FloatArray:
     return sum_at_corners(face_areas(V, F) / 3.0, F, len(V))
 
 
-def unit(vectors: FloatArray) -> FloatArray:
+def normalized(vectors: FloatArray) -> FloatArray:
     """Scale vectors (n, 3) to length 1; those without length stay 0."""
     length = lengths(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > TINY)
@@ -67,4 +67,4 @@ def sum_at_corners(values: FloatArray, F: IntArray, n_points: int) -> FloatArray
 
 def vertex_normals(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute unit normals of vertices, the mean of their triangles' by area, (N, 3)."""
-    return unit(sum_at_corners(area_vectors(V, F), F, len(V)))
+    return normalized(sum_at_corners(area_vectors(V, F), F, len(V)))

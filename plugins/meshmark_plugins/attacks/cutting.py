@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.geometry import unit
+from meshmark.mesh.geometry import normalized
 from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import mean_radius, require_trajectories
 from meshmark_plugins.attacks.parameters import number, whole
@@ -50,7 +50,9 @@ class Cutting:
         require_trajectories("cutting", animation, "one cut for all frames")
         first = animation[0]
         piece = grow(first.topology, self.patches, rng)
-        moves = unit(rng.normal(size=(piece.max() + 1, 3))) * self.gap * mean_radius(first.points)
+        moves = (
+            normalized(rng.normal(size=(piece.max() + 1, 3))) * self.gap * mean_radius(first.points)
+        )
         return animation.map(cut(first.topology, piece, moves))
 
 

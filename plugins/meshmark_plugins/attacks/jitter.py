@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import lengths, unit
+from meshmark.mesh.geometry import lengths, normalized
 from meshmark.mesh.topology import polygon_edges
 from meshmark_plugins.attacks.carrying import carry_by_surface, rebuild
 from meshmark_plugins.attacks.frames import PER, CombinePoints, treat_frames
@@ -64,7 +64,7 @@ class JitterFrame:
         V, F = frame.points, frame.faces
         i, j = polygon_edges(frame.topology.counts, frame.topology.indices)[0].T
         radius = self.size * lengths(V[i] - V[j]).mean() * np.sqrt(rng.random(len(V)))
-        D = radius[:, None] * unit(tangential(V, F, rng.normal(size=V.shape)))
+        D = radius[:, None] * normalized(tangential(V, F, rng.normal(size=V.shape)))
         D[_loose(frame)] = 0.0
         return frame.moved(slide(ClosestPoints(V, F), V, D))
 

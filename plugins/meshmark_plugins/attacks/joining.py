@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.geometry import face_areas, unit
+from meshmark.mesh.geometry import face_areas, normalized
 from meshmark.mesh.topology import Topology, polygon_edges
 from meshmark_plugins.attacks.frames import naming, require_trajectories
 from meshmark_plugins.attacks.parameters import choice, number
@@ -123,11 +123,11 @@ def _body(attack: Joining, frame: Frame, rng: np.random.Generator) -> JoinPoints
     r = np.sqrt(1.0 - z**2)
     V = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
     F = ConvexHull(V).simplices.astype(np.int64)
-    angle = np.arccos(np.clip(V @ unit(rng.normal(size=(_BUMPS, 3))).T, -1.0, 1.0))
+    angle = np.arccos(np.clip(V @ normalized(rng.normal(size=(_BUMPS, 3))).T, -1.0, 1.0))
     V *= 1.0 + _BUMP_HEIGHT * np.exp(-((angle / _BUMP_WIDTH) ** 2)).sum(axis=1, keepdims=True)
     extent = _extent(frame)
     V *= attack.size * extent / np.ptp(V, axis=0).max()
-    away = unit(rng.normal(size=(1, 3))) * (1.0 + attack.size) * extent
+    away = normalized(rng.normal(size=(1, 3))) * (1.0 + attack.size) * extent
     return _beside(frame, V + away, F)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.geometry import unit
+from meshmark.mesh.geometry import normalized
 from meshmark_plugins.attacks.frames import PER, mean_radius, treat_frames
 from meshmark_plugins.attacks.parameters import choice, number, whole
 
@@ -66,7 +66,7 @@ class AddWaves:
         """Return the displaced frame."""
         V = frame.points
         d = mean_radius(V)
-        running, displacing = unit(rng.normal(size=(2 * self.waves, 3))).reshape(2, -1, 3)
+        running, displacing = normalized(rng.normal(size=(2 * self.waves, 3))).reshape(2, -1, 3)
         phase = rng.uniform(0.0, 2.0 * np.pi, self.waves)
         run = (V - V.mean(axis=0)) @ running.T / (self.wavelength * d) if d else 0.0
         waves = np.sin(2.0 * np.pi * run + phase) @ displacing

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import unit, vertex_normals
+from meshmark.mesh.geometry import normalized, vertex_normals
 from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.chips.radial_histogram import (
@@ -245,7 +245,7 @@ def chips(field, weights):
 def test_distance_grows_along_meridians_of_a_sphere():
     V, F = icosphere(4)
     (field,) = geodesic_fields(V, F, np.array([0]))
-    south = unit(V * V[:, [2]] - [0.0, 0.0, 1.0])
+    south = normalized(V * V[:, [2]] - [0.0, 0.0, 1.0])
     colatitude = np.arccos(np.clip(V[:, 2], -1.0, 1.0))
     middle = (colatitude > 0.2) & (colatitude < np.pi - 0.2)
     cosine = np.einsum("ij,ij->i", distance_directions(field)[0], south)
@@ -288,10 +288,10 @@ def test_distances_slide_along_with_vertices():
     (field,) = geodesic_fields(V, F, np.array([0]))
     colatitude = np.arccos(np.clip(V[:, 2], -1.0, 1.0))
     middle = (colatitude > 0.3) & (colatitude < np.pi - 0.3)
-    south = unit(V * V[:, [2]] - [0.0, 0.0, 1.0])
+    south = normalized(V * V[:, [2]] - [0.0, 0.0, 1.0])
     east = np.cross(south, V)
     way = np.where(middle, np.random.default_rng(0).uniform(-0.02, 0.02, len(V)), 0.0)
-    down, aside = (unit(V + way[:, None] * along) for along in (south, east))
+    down, aside = (normalized(V + way[:, None] * along) for along in (south, east))
     moved = slide_field(field, down)
     np.testing.assert_array_equal(moved.V, down)
     np.testing.assert_allclose((moved.H - field.H)[0] * field.length_scale, way, atol=0.0005)
@@ -306,7 +306,7 @@ def test_chips_follow_random_waves_of_moves(horned, seed):
     V, F, field, weights, J = horned
     rng = np.random.default_rng(seed)
     length = WIDTH * field.length_scale
-    waves = 2.0 * np.pi / length * unit(rng.normal(size=(12, 3)))
+    waves = 2.0 * np.pi / length * normalized(rng.normal(size=(12, 3)))
     d = np.cos(V @ waves.T + rng.uniform(0, 2 * np.pi, 12)) @ rng.normal(size=(12, 3))
     n = vertex_normals(V, F)
     d -= np.einsum("ij,ij->i", d, n)[:, None] * n

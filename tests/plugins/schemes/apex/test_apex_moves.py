@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import unit
+from meshmark.mesh.geometry import normalized
 from meshmark.metrics.surface_distance import mrms
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
@@ -257,4 +257,4 @@ def test_a_fitted_polyhedron_is_nearer_to_its_sphere_than_an_inscribed_one(level
     height = np.linalg.norm(fitted, axis=1) - 1.0
     assert height.min() > 0.0
     assert height.max() < 1.0 - np.linalg.norm(V[F].mean(axis=1), axis=1).min()
-    np.testing.assert_allclose(unit(fitted), V, atol=0.01)
+    np.testing.assert_allclose(normalized(fitted), V, atol=0.01)

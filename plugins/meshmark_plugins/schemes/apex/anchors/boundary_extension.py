@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import lengths, sum_at_corners, unit
+from meshmark.mesh.geometry import lengths, normalized, sum_at_corners
 from meshmark.mesh.topology import boundary_edges
 
 # Rings of triangles that the strip consists of.
@@ -89,10 +89,10 @@ def _outwards(
     """Directions in which the surface would go on at its n border vertices, (n, 3)."""
     along = V[sides[:, 1]] - V[sides[:, 0]]
     inwards = V[opposite] - V[sides[:, 0]]
-    direction = unit(along)
+    direction = normalized(along)
     inwards = inwards - np.vecdot(inwards, direction)[:, None] * direction
-    pull = -unit(inwards) * lengths(along)[:, None]
-    outwards = unit(sum_at_corners(pull, index, n))
+    pull = -normalized(inwards) * lengths(along)[:, None]
+    outwards = normalized(sum_at_corners(pull, index, n))
     for _ in range(DIRECTION_SMOOTHING_ROUNDS):
-        outwards = unit(sum_at_corners(outwards[index].sum(axis=1), index, n))
+        outwards = normalized(sum_at_corners(outwards[index].sum(axis=1), index, n))
     return outwards

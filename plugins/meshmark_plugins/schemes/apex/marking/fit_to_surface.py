@@ -7,7 +7,7 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import area_vectors, lengths, unit, vertex_normals
+from meshmark.mesh.geometry import area_vectors, lengths, normalized, vertex_normals
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
 
 FITTING_ROUNDS = 2
@@ -55,7 +55,7 @@ def _offsets(
 ) -> FloatArray:
     n_samples = len(_TRIANGLE_SAMPLES)
     vectors = area_vectors(V, F)
-    areas, n = lengths(vectors), unit(vectors)
+    areas, n = lengths(vectors), normalized(vectors)
     Q = _samples(V, F)
     foot = original.points_in(nearest, Q.reshape(-1, 3)).reshape(Q.shape)
     wanted = np.einsum("fsx,fx->fs", foot - Q, n)

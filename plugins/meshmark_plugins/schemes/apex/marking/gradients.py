@@ -8,12 +8,12 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from meshmark.arrays import FloatArray
-from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
+from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 
 
 def distance_directions(field: GeodesicField) -> FloatArray:
-    """Directions in which the distance from each anchor grows, (m, n, 3), unit vectors at vertices.
+    """Compute unit vectors at vertices along which distance from each anchor grows, (m, n, 3).
 
     Shorter than 1 where the triangles about a vertex disagree, as at the anchor and where paths
     from two sides meet.
@@ -21,12 +21,12 @@ def distance_directions(field: GeodesicField) -> FloatArray:
     V, F = field.V, field.component.faces
     vectors = area_vectors(V, F)
     areas = lengths(vectors)
-    normals = unit(vectors)
+    normals = normalized(vectors)
     opposite = [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)]
     about = np.maximum(sum_at_corners(areas, F, len(V)), 1e-300)[:, None]
     directions = []
     for H in field.H:
-        slope = unit(sum(H[F[:, k], None] * opposite[k] for k in range(3)))
+        slope = normalized(sum(H[F[:, k], None] * opposite[k] for k in range(3)))
         directions.append(sum_at_corners(areas[:, None] * slope, F, len(V)) / about)
     return np.array(directions)
 

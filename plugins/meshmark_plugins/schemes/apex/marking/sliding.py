@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import area_vectors, lengths, sum_at_corners, unit
+from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
 REFERENCE_SPREAD = 0.003
@@ -55,7 +55,7 @@ class SlidingCost:
         On a plane it is n n^T; the more the surface bends, the more of it lies in the tangents.
         """
         vectors = area_vectors(V, self._F)
-        areas, n = lengths(vectors), unit(vectors)
+        areas, n = lengths(vectors), normalized(vectors)
         sums = sum_at_corners(_outer(areas, n), self._F, len(V))
         return self._mean(sums, areas)
 
@@ -66,8 +66,8 @@ class SlidingCost:
         """
         F, at = self._F, self._edge_at
         vectors = area_vectors(V, F)
-        areas, n = lengths(vectors), unit(vectors)
-        ahead = unit((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
+        areas, n = lengths(vectors), normalized(vectors)
+        ahead = normalized((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
         outward = np.cross(ahead, np.repeat(n, 3, axis=0))
         n_edges = len(self._edges)
         b = sum_at_corners(outward, at[:, None], n_edges)
