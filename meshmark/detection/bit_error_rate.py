@@ -10,8 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.evidence import STEPS, Evidence
-from meshmark.statistics.p_values import reading_promises
-from meshmark.statistics.word_windows import WINDOW, WordPosterior
+from meshmark.statistics.p_values import approximate_log_mean_by_hypothesis
+from meshmark.statistics.word_windows import WINDOW_SIZE, WordPosterior
 
 # A part whose every other bit is an erasure shows a small bit error rate by luck alone.
 DECIDED_SHARE = 0.5
@@ -100,7 +100,9 @@ def _scores(
     scores = []
     for variant in evidence.variants:
         if variant.posterior is not None:
-            score = reading_promises(variant.pooled, variant.belief, words, variant.posterior)
+            score = approximate_log_mean_by_hypothesis(
+                variant.pooled, variant.belief, words, variant.posterior
+            )
         else:
             score = _fits(variant.pooled, words, None).max(axis=-1).sum(axis=-1)
         scores.append(score)
@@ -113,7 +115,7 @@ def _fits(S: FloatArray, words: IntArray, posterior: WordPosterior | None) -> Fl
     if posterior is not None:
         windows = posterior.windows(len(words))
         within = np.arange(len(words)) - windows.first[..., None]
-        fit = np.where((within >= 0) & (within < WINDOW), fit, _NEVER)
+        fit = np.where((within >= 0) & (within < WINDOW_SIZE), fit, _NEVER)
     return fit
 
 

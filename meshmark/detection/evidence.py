@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
-from meshmark.statistics.word_windows import WordPosterior, together
+from meshmark.statistics.word_windows import WordPosterior, median_posterior
 
 Thing = TypeVar("Thing")
 
@@ -113,7 +113,7 @@ class RestoredVariant:
     def posterior(self) -> WordPosterior | None:
         """Which words carriers may hold, as the frames that show them tell together."""
         posteriors = self.posteriors
-        return None if posteriors is None else together(posteriors)
+        return None if posteriors is None else median_posterior(posteriors)
 
     @property
     def belief(self) -> FloatArray:

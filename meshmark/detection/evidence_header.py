@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
 from meshmark.detection.evidence import Evidence
-from meshmark.statistics.word_windows import WINDOW
+from meshmark.statistics.word_windows import WINDOW_SIZE
 
 Thing = TypeVar("Thing")
 
@@ -174,7 +174,7 @@ def _item(value: Any) -> ItemHeader:
     # Variants differ in how much they show, never in what a word is.
     if len({(s.shape[2], s.placed) for s in item.variants}) != 1:
         raise ValueError("strands")
-    if not (item.n_words >= WINDOW if item.variants[0].placed else item.n_words <= FREE_WORDS):
+    if not (item.n_words >= WINDOW_SIZE if item.variants[0].placed else item.n_words <= FREE_WORDS):
         raise ValueError("words")
     return item
 

@@ -1,1 +1,1 @@
-"""Pure numbers: e-values, p-values, and sums over assignments of words."""
+"""P-values of evidence: e-values, and their means over hypotheses and assignments of words."""

@@ -1,4 +1,4 @@
-"""Which carrier holds which code word: a search that is paid for by averaging over it."""
+"""Which carrier holds which code word: multiple testing that is corrected by averaging."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from scipy.special import logsumexp
 
 from meshmark.arrays import FloatArray, IntArray
 
-# How strongly assignments are believed to keep the order in which carriers and words are
-# listed; a quarter of the belief each. Belief falls by exp(-k) with every place that a carrier
-# is away from its word's. 0 is no belief in any order. The last quarter is in the order alone:
-# where carriers were lost, or false ones joined, the others have other places.
-ORDERLINESS = (0.0, 1.0, 3.0)
-# How much less likely a false carrier is than one that holds a word, where order is kept.
-FALSE_CARRIER = 0.3
+# How strongly assignments keep the order in which carriers and words are listed; a quarter of the
+# prior each. It falls by exp(-k) with every place that a carrier is away from its word's, so that
+# 0 prefers no order. The last quarter is for assignments that keep the order alone: where
+# carriers were lost, or false ones joined, the others have other places.
+ORDER_DECAYS = (0.0, 1.0, 3.0)
+# Prior of a false carrier, relative to one that holds a word, where order is kept.
+FALSE_CARRIER_WEIGHT = 0.3
 
 
 def mean_over_assignments(log_e: FloatArray) -> FloatArray:
-    """Log of the mean of prod e[c, word of c] over all ways to give words to carriers.
+    """Log of the mean of prod e[c, word of c] over all assignments of words to carriers.
 
     Words are given out in their order: with G of them, the first G are in use, each on a
-    carrier of its own. Belief in G falls by half with every step away from the number of
-    carriers found. Distinct words are independent, so that the product for one assignment is
-    an e-value; a carrier that holds no word contributes 1; and means of e-values are e-values.
+    carrier of its own. The prior of G falls by half with every step away from the number of
+    carriers found. Words of a random key are independent, so that the product for one assignment
+    is an e-value; a carrier that holds no word contributes 1; and means of e-values are e-values.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def mean_over_assignments(log_e: FloatArray) -> FloatArray:
     scale = np.maximum(log_e.max(axis=-1, keepdims=True), 0.0)
     e, idle = np.exp(log_e - scale), np.exp(-scale[..., 0])
     means = [_ordered_mean(e, idle)]
-    for k in ORDERLINESS:
+    for k in ORDER_DECAYS:
         weights, log_weight_sums = _order_weights(C, M, k)
         with np.errstate(divide="ignore"):
             log_table = np.log(_subset_sums(e * weights, idle))
@@ -67,27 +67,27 @@ def _ordered_mean(e: FloatArray, idle: FloatArray) -> FloatArray:
     counts = _ordered_sums(np.ones((C, M)), np.ones(C))
     with np.errstate(divide="ignore"):
         log_means = np.log(_ordered_sums(e, idle)) - np.log(counts)
-    return logsumexp(log_means + _log_beliefs(C, M), axis=-1)
+    return logsumexp(log_means + _log_count_priors(C, M), axis=-1)
 
 
 def _ordered_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
     """Sum over the assignments that keep the order, with the first 1, 2, ... M words, (..., M).
 
-    A carrier may be false, at a belief of `FALSE_CARRIER`; any word may be missing.
+    A carrier may be false, at a prior of `FALSE_CARRIER_WEIGHT`; any word may be missing.
     """
     *lead, C, M = e.shape
     sums = np.ones((*lead, M + 1))
     for c in range(C):
         # Word m goes to this carrier, words before it to earlier ones; summed over m.
         joined = np.cumsum(sums[..., :-1] * e[..., c, :], axis=-1)
-        sums = sums * (FALSE_CARRIER * idle[..., c, None])
+        sums = sums * (FALSE_CARRIER_WEIGHT * idle[..., c, None])
         sums[..., 1:] += joined
     return sums[..., 1:]
 
 
 @lru_cache(maxsize=64)
 def _order_weights(C: int, M: int, k: float) -> tuple[FloatArray, FloatArray]:
-    """Belief in word m on carrier c, (C, M), and the log of its sums for 1, 2, ... M words."""
+    """Prior of word m on carrier c, (C, M), and the log of its sums for 1, 2, ... M words."""
     weights = np.exp(-k * np.abs(np.arange(C)[:, None] - np.arange(M)))
     with np.errstate(divide="ignore"):
         log_table = np.log(_subset_sums(weights, np.ones(C)))
@@ -102,16 +102,16 @@ def _sums_over_counts(
     terms = [
         logsumexp(log_table[..., _used(min(C, G), G, M)], axis=-1)
         - log_weight_sums[G - 1]
-        + log_belief
-        for G, log_belief in enumerate(_log_beliefs(C, M), start=1)
+        + log_prior
+        for G, log_prior in enumerate(_log_count_priors(C, M), start=1)
     ]
     return logsumexp(np.array(terms), axis=0)
 
 
-def _log_beliefs(C: int, M: int) -> FloatArray:
-    """Log belief that 1, 2, ... M words are in use when C carriers were found."""
-    belief = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
-    return np.log(belief / belief.sum())
+def _log_count_priors(C: int, M: int) -> FloatArray:
+    """Log prior that 1, 2, ... M words are in use when C carriers were found."""
+    prior = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
+    return np.log(prior / prior.sum())
 
 
 def _subset_sums(e: FloatArray, idle: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the sums over readings, tilts and words are made of: e-values of single carriers."""
+"""E-values of words on single carriers, of which all means over hypotheses are made."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 
-# Soft chips lie in [-1, 1]. In steps of two, no best l in between is missed by more than the
-# square root of two, and averaging over all eight costs log10(8) = 0.9 decades at the very most.
+# Exponential tilts l. Soft chips lie in [-1, 1]. In steps of two, no best l in between is missed by
+# more than the square root of two, and averaging over all eight costs log10(8) = 0.9 decades at
+# the very most.
 TILTS: FloatArray = 2.0 ** np.arange(-2.0, 6.0)
 
-# Belief that a carrier was destroyed.
-LOST = 0.15
-# How many of all combinations are summed up, those that promise the most.
-LIKELIEST = 8
+# Prior probability that a carrier was destroyed, and says nothing of the word it held.
+P_DESTROYED = 0.15
+# Terms of a mean that are summed up: the largest ones, as far as they can be told beforehand.
+N_TOP_TERMS = 8
 
 
 def log_cosh(x: FloatArray) -> FloatArray:
@@ -37,18 +38,20 @@ def e_values(score: FloatArray, log_null: FloatArray, tilts: FloatArray) -> Floa
     Returns
     -------
     (..., T, C, M) float64
-        At most 2^K, so that hundreds of chips fit into a float.
+        `P_DESTROYED` + (1 - `P_DESTROYED`) exp(tilt score) / prod cosh: a mixture of the e-value 1
+        and of that in `meshmark.statistics.p_values`. At most 2^K, so that hundreds of chips fit
+        into a float.
     """
     log_e = tilts[:, None, None] * score
     log_e -= log_null[..., None]
     np.exp(log_e, out=log_e)
-    log_e *= 1.0 - LOST
-    log_e += LOST
+    log_e *= 1.0 - P_DESTROYED
+    log_e += P_DESTROYED
     return log_e
 
 
-def likeliest(promise: FloatArray) -> tuple[IntArray, ...]:
-    """Find where most is promised in (n, ...): (n, `LIKELIEST`) indices along each axis."""
-    flat = promise.reshape(len(promise), -1)
-    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :LIKELIEST]
-    return np.unravel_index(chosen, promise.shape[1:])
+def top_terms(approximate: FloatArray) -> tuple[IntArray, ...]:
+    """Find the largest of terms (n, ...): (n, `N_TOP_TERMS`) indices along each axis."""
+    flat = approximate.reshape(len(approximate), -1)
+    chosen = np.argsort(-flat, axis=-1, kind="stable")[:, :N_TOP_TERMS]
+    return np.unravel_index(chosen, approximate.shape[1:])

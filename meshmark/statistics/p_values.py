@@ -1,14 +1,14 @@
-"""How sure: bounds on the probability that a random key scores as well on fixed evidence.
+"""P-values: bounds on the probability that a random key scores as well on fixed evidence.
 
-The law is the same throughout. Evidence S, one signed number a chip, is measured without the
-key; a key chosen at random gives independent uniform signs w. Whatever the mesh, then,
+The null hypothesis is the same throughout. Evidence S, one signed number a chip, is measured
+without the key; a key chosen at random gives independent uniform signs w. Whatever the mesh, then,
 
     E(l) = prod_k exp(l w_k S_k) / cosh(l S_k)
 
 has expectation exactly 1 for every l >= 0, because (e^x + e^-x) / 2 = cosh x. A non-negative
 number of expectation at most 1 is an e-value, and P(E >= 1/p) <= p by Markov's inequality
-[1]_. A weighted mean of e-values is an e-value, so whatever is searched is paid for by
-averaging over it.
+[1]_. A weighted mean of e-values is an e-value: averaging over all hypotheses that are tested
+corrects for multiple testing.
 
 References
 ----------
@@ -19,20 +19,19 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from meshmark.arrays import FloatArray, SignArray
+from meshmark.arrays import BoolArray, FloatArray, SignArray
 from meshmark.statistics.assignments import mean_over_assignments
-from meshmark.statistics.e_values import LOST, TILTS, e_values, likeliest, log_cosh
-from meshmark.statistics.window_mean import mean_over_windows, promises
-from meshmark.statistics.word_windows import SHIFT_BELIEF, WINDOW, Windows, WordPosterior
+from meshmark.statistics.e_values import P_DESTROYED, TILTS, e_values, log_cosh, top_terms
+from meshmark.statistics.window_mean import approximate_log_means, mean_over_windows
+from meshmark.statistics.word_windows import SHIFT_PRIOR, WINDOW_SIZE, WordPosterior, WordWindows
 
-# Scores (keys or recipients, readings, carriers, words) held at once: bounds memory.
-AT_ONCE = 2_000_000
+# Scores (keys or recipients, hypotheses, carriers, words) held at once: bounds memory.
+SCORES_AT_ONCE = 2_000_000
 
 # Up to here the exact tail is a table of 2^K sums; beyond, the e-value takes over.
-EXACT_CHIPS = 18
+MAX_EXACT_CHIPS = 18
 
 
 def word_log_e(S: FloatArray, words: SignArray) -> FloatArray:
@@ -57,14 +56,14 @@ def word_log_e(S: FloatArray, words: SignArray) -> FloatArray:
 def word_log_e_means(
     S: FloatArray, log_prior: FloatArray, words: SignArray, posterior: WordPosterior | None = None
 ) -> FloatArray:
-    """Log e-value of words on evidence that can be read in several ways, all paid for.
+    """Log e-value of words on evidence under several hypotheses, corrected for testing them all.
 
     Parameters
     ----------
     S : (R, C, K) float64
-        Evidence under each of R readings.
+        Evidence under each of R hypotheses.
     log_prior : (R,) float64
-        Log belief in each reading; the exponentials sum to at most 1.
+        Log prior of each hypothesis; the exponentials sum to at most 1.
     words : (..., M, K) int
         A key's words; leading axes are keys or recipients.
     posterior : WordPosterior, optional
@@ -76,32 +75,32 @@ def word_log_e_means(
 
     Notes
     -----
-    Averaged over readings, tilts and assignments. A carrier that an attack destroyed may hold
-    nothing: it then costs `LOST`, not all of its noise. Assignments are summed up only for the
-    `LIKELIEST` pairs of reading and tilt; leaving out what adds nothing but positive terms
-    makes an e-value smaller, never dishonest.
+    Averaged over hypotheses, tilts and assignments. A carrier that an attack destroyed may hold
+    nothing: it then costs `P_DESTROYED`, not all of its noise. Assignments are summed up only for
+    the `N_TOP_TERMS` pairs of hypothesis and tilt: no term is negative, so that leaving some out
+    can only make the e-value smaller.
     """
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
     windows = None if posterior is None else posterior.windows(words.shape[-2])
     log_null = _log_null(S)
-    width = words.shape[-2] if windows is None else WINDOW
-    at_once = max(1, AT_ONCE // (S.shape[0] * S.shape[1] * width))
+    width = words.shape[-2] if windows is None else WINDOW_SIZE
+    at_once = max(1, SCORES_AT_ONCE // (S.shape[0] * S.shape[1] * width))
     means = [
-        _mean_of_readings(S, log_null, log_prior, flat[start : start + at_once], windows)
+        _mean_over_hypotheses(S, log_null, log_prior, flat[start : start + at_once], windows)
         for start in range(0, len(flat), at_once)
     ]
     return np.concatenate(means).reshape(lead)
 
 
-def reading_promises(
+def approximate_log_mean_by_hypothesis(
     S: FloatArray, log_prior: FloatArray, words: SignArray, posterior: WordPosterior
 ) -> FloatArray:
-    """Estimate how much each reading speaks for one key's words (M, K), (R,), in logarithms.
+    """Approximate the log of what each hypothesis adds to the e-value of one key's words, (R,).
 
-    Other parameters are those of `word_log_e_means`.
+    Parameters are those of `word_log_e_means`, for words (M, K).
     """
     windows = posterior.windows(len(words))
-    return promises(S, words[None], _log_null(S), log_prior, windows)[0]
+    return approximate_log_means(S, words[None], _log_null(S), log_prior, windows)[0]
 
 
 def _log_null(S: FloatArray) -> FloatArray:
@@ -109,22 +108,21 @@ def _log_null(S: FloatArray) -> FloatArray:
     return log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
 
 
-def _mean_of_readings(
+def _mean_over_hypotheses(
     S: FloatArray,
     log_null: FloatArray,
     log_prior: FloatArray,
     words: SignArray,
-    windows: Windows | None,
+    windows: WordWindows | None,
 ) -> FloatArray:
     if windows is not None:
         return mean_over_windows(S, words, log_null, log_prior, windows)
     score = np.einsum("rck,nmk->nrcm", S, words.astype(np.float64), optimize=True)
     e = e_values(score[:, :, None], log_null, TILTS)
-    belief = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
-    promise = np.log(e.max(axis=-1)).sum(axis=-1) + belief
-    reading, tilt = likeliest(promise)
-    log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], reading, tilt]))
-    return logsumexp(log_means + belief[reading, tilt], axis=-1)
+    log_weight = np.broadcast_to(log_prior[:, None] - np.log(len(TILTS)), (len(S), len(TILTS)))
+    hypothesis, tilt = top_terms(np.log(e.max(axis=-1)).sum(axis=-1) + log_weight)
+    log_means = mean_over_assignments(np.log(e[np.arange(len(e))[:, None], hypothesis, tilt]))
+    return logsumexp(log_means + log_weight[hypothesis, tilt], axis=-1)
 
 
 def log10_p_words(
@@ -133,16 +131,16 @@ def log10_p_words(
     log_prior: FloatArray | None = None,
     posterior: WordPosterior | None = None,
 ) -> FloatArray:
-    """Bound log10 of the probability that random words do as well, every search paid for.
+    """Bound log10 of the probability that random words do as well, corrected for all tests.
 
     Parameters
     ----------
     S : (R, C, K) or (C, K) float64
-        Evidence, under each reading where there are several.
+        Evidence, under each hypothesis where there are several.
     words : (..., M, K) int
         The key's words; M = 1 means that all carriers share one word.
     log_prior : (R,) float64, optional
-        Log belief in each reading; evenly shared by default.
+        Log prior of each hypothesis; uniform by default.
     posterior : WordPosterior, optional
         Which words carriers may hold.
 
@@ -157,7 +155,7 @@ def log10_p_words(
         return _markov(word_log_e_means(S, prior, words, posterior))
     if len(S) == 1:
         return _log10_p_shared(S[0].sum(axis=0), words[..., 0, :])
-    # One word for all carriers: each reading's sum over them stands for a carrier.
+    # One word for all carriers: each hypothesis's sum over them stands for a carrier.
     log_e = word_log_e(S.sum(axis=1), words)[..., 0]
     return _markov(logsumexp(_log_mean(log_e, axis=-2) + prior, axis=-1))
 
@@ -171,12 +169,13 @@ def _log10_p_shared(S: FloatArray, word: SignArray) -> FloatArray:
     if chips.size == 0:
         return np.zeros(word.shape[:-1])
     S, word = S[chips], word[..., chips]
-    if chips.size <= EXACT_CHIPS:
+    if chips.size <= MAX_EXACT_CHIPS:
         return exact_log10_p(S, word)
     return _markov(_log_mean(word_log_e(S[None], word[..., None, :])[..., 0, 0], axis=-1))
 
 
 def _markov(log_e: FloatArray) -> FloatArray:
+    """Turn log e-values into log10 p-values, p = min(1, 1 / E)."""
     return np.minimum(0.0, -log_e / np.log(10.0))
 
 
@@ -186,7 +185,7 @@ def exact_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
     Parameters
     ----------
     S : (K,) float64
-        Evidence, K at most `EXACT_CHIPS`.
+        Evidence, K at most `MAX_EXACT_CHIPS`.
     word : (..., K) int
         Signs.
     """
@@ -202,7 +201,7 @@ def exact_log10_p(S: FloatArray, word: SignArray) -> FloatArray:
 
 
 def reachable_log10_p(
-    held: NDArray[np.bool_],
+    usable: BoolArray,
     n_words: int,
     log_prior: float = 0.0,
     posterior: WordPosterior | None = None,
@@ -211,30 +210,32 @@ def reachable_log10_p(
 
     Parameters
     ----------
-    held : (C, K) bool
-        Which chips say something.
+    usable : (C, K) bool
+        Which chips are no erasures.
     n_words : int
         Number of words; 1 if shared.
     log_prior : float
-        Log belief in the reading that shows them so.
+        Log prior of the hypothesis under which they are.
     posterior : WordPosterior, optional
-        Which words carriers may hold under that one reading.
+        Which words carriers may hold under that hypothesis.
     """
     if n_words == 1:
-        return -float(held.any(axis=0).sum() * np.log10(2.0))
+        return -float(usable.any(axis=0).sum() * np.log10(2.0))
     if posterior is not None:
-        # The best of keys gives carriers the words nearest to their places, no word twice.
+        # The best of keys gives carriers the words nearest to their positions, none twice.
         windows = posterior.windows(n_words)
-        right = np.outer(TILTS - log_cosh(TILTS), held.sum(axis=1))
-        e = np.full((len(TILTS), len(held), WINDOW), LOST)
-        carriers, best = windows.likeliest(n_words)
-        e[:, carriers, best] += (1.0 - LOST) * np.exp(right[:, carriers])
-        nothing = np.zeros(len(TILTS), dtype=np.int64)
-        log_mean = _log_mean(windows.log_mean(e, nothing, nothing), axis=0)
-        return float(_markov(log_mean + np.log(SHIFT_BELIEF[0]) + log_prior))
+        right = np.outer(TILTS - log_cosh(TILTS), usable.sum(axis=1))
+        e = np.full((len(TILTS), len(usable), WINDOW_SIZE), P_DESTROYED)
+        carriers, best = windows.most_probable_words(n_words)
+        e[:, carriers, best] += (1.0 - P_DESTROYED) * np.exp(right[:, carriers])
+        first = np.zeros(len(TILTS), dtype=np.int64)
+        log_mean = _log_mean(windows.log_mean(e, first, first), axis=0)
+        return float(_markov(log_mean + np.log(SHIFT_PRIOR[0]) + log_prior))
     # The best of keys gives the first carriers their words in order, and none fits another's.
-    C = min(len(held), n_words)
-    right = np.outer(TILTS - log_cosh(TILTS), held[:C].sum(axis=1))
-    log_e = np.full((len(TILTS), len(held), n_words), np.log(LOST))
-    log_e[:, np.arange(C), np.arange(C)] = np.logaddexp(np.log(LOST), np.log1p(-LOST) + right)
+    C = min(len(usable), n_words)
+    right = np.outer(TILTS - log_cosh(TILTS), usable[:C].sum(axis=1))
+    log_e = np.full((len(TILTS), len(usable), n_words), np.log(P_DESTROYED))
+    log_e[:, np.arange(C), np.arange(C)] = np.logaddexp(
+        np.log(P_DESTROYED), np.log1p(-P_DESTROYED) + right
+    )
     return float(_markov(_log_mean(mean_over_assignments(log_e), axis=0) + log_prior))

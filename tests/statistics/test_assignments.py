@@ -5,7 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from meshmark.statistics.assignments import FALSE_CARRIER, ORDERLINESS, mean_over_assignments
+from meshmark.statistics.assignments import (
+    FALSE_CARRIER_WEIGHT,
+    ORDER_DECAYS,
+    mean_over_assignments,
+)
 from meshmark.statistics.p_values import word_log_e
 
 
@@ -29,10 +33,10 @@ def ordered(C: int, G: int) -> list[tuple[int | None, ...]]:
 
 def brute_mean(log_e: np.ndarray) -> float:
     C, M = log_e.shape
-    belief = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
-    belief /= belief.sum()
+    prior = 0.5 ** np.abs(np.arange(1, M + 1) - min(C, M))
+    prior /= prior.sum()
     means = []
-    for k in ORDERLINESS:
+    for k in ORDER_DECAYS:
         total = 0.0
         for G in range(1, M + 1):
             terms, weights = [], []
@@ -40,16 +44,16 @@ def brute_mean(log_e: np.ndarray) -> float:
                 pairs = [(c, m) for c, m in enumerate(choice) if m is not None]
                 weights.append(np.exp(-k * sum(abs(c - m) for c, m in pairs)))
                 terms.append(weights[-1] * np.exp(sum(log_e[c, m] for c, m in pairs)))
-            total += belief[G - 1] * sum(terms) / sum(weights)
+            total += prior[G - 1] * sum(terms) / sum(weights)
         means.append(total)
     total = 0.0
     for G in range(1, M + 1):
         terms, weights = [], []
         for choice in ordered(C, G):
             pairs = [(c, m) for c, m in enumerate(choice) if m is not None]
-            weights.append(FALSE_CARRIER ** (C - len(pairs)))
+            weights.append(FALSE_CARRIER_WEIGHT ** (C - len(pairs)))
             terms.append(weights[-1] * np.exp(sum(log_e[c, m] for c, m in pairs)))
-        total += belief[G - 1] * sum(terms) / sum(weights)
+        total += prior[G - 1] * sum(terms) / sum(weights)
     means.append(total)
     return float(np.log(np.mean(means)))
 

@@ -35,12 +35,12 @@ def test_every_e_value_has_expectation_one(S) -> None:
     np.testing.assert_allclose(e.mean(axis=0), 1.0, rtol=1e-9)
 
 
-def test_readings_and_lost_carriers_have_expectation_at_most_one() -> None:
-    # All 2^(2 x 3) pairs of words on two carriers of three chips, read in two ways.
+def test_hypotheses_and_lost_carriers_have_expectation_at_most_one() -> None:
+    # All 2^(2 x 3) pairs of words on two carriers of three chips, under two hypotheses.
     S = np.random.default_rng(0).uniform(-1, 1, size=(2, 2, 3))
     pairs = np.array(list(itertools.product(all_words(3), repeat=2)))
     e = np.exp(word_log_e_means(S, np.log([0.7, 0.3]), pairs))
-    # Only the promising pairs of reading and tilt are summed up: less than 1, not more.
+    # Only the largest terms, pairs of hypothesis and tilt, are summed up: less than 1, not more.
     assert 0.5 < e.mean() <= 1.0 + 1e-12
 
 
@@ -68,8 +68,8 @@ def test_p_is_honest_on_random_keys(n_words, K) -> None:
     S = np.clip(rng.normal(size=(6, K)), -1, 1)
     n = 2000
     words = 2 * rng.integers(0, 2, size=(n, n_words, K)) - 1
-    readings = np.stack([S, 0.5 * np.roll(S, 1, axis=1)])
-    log10_p = log10_p_words(readings, words, np.log([0.8, 0.2]))
+    hypotheses = np.stack([S, 0.5 * np.roll(S, 1, axis=1)])
+    log10_p = log10_p_words(hypotheses, words, np.log([0.8, 0.2]))
     assert np.all(log10_p <= 0)
     for alpha in (0.5, 0.1, 0.01):
         share = np.mean(log10_p <= np.log10(alpha))
@@ -96,15 +96,15 @@ def test_lost_carriers_leave_the_order_of_the_others() -> None:
     assert kept < jumbled - 0.5
 
 
-def test_one_reading_of_many_is_paid_for_by_its_belief() -> None:
+def test_one_hypothesis_of_many_is_paid_for_by_its_prior() -> None:
     rng = np.random.default_rng(12)
     words = 2 * rng.integers(0, 2, size=(4, 16)) - 1
     right = words[:3].astype(float)
     alone = log10_p_words(right, words)
-    for belief in (0.5, 0.01):
+    for prior in (0.5, 0.01):
         S = np.stack([np.zeros_like(right), right])
-        read = log10_p_words(S, words, np.log([1.0 - belief, belief]))
-        assert read == pytest.approx(alone - np.log10(belief), abs=1e-6)
+        read = log10_p_words(S, words, np.log([1.0 - prior, prior]))
+        assert read == pytest.approx(alone - np.log10(prior), abs=1e-6)
 
 
 def test_more_parts_than_words() -> None:

@@ -1,4 +1,4 @@
-"""Words by their places: beliefs, sums against brute force, and honesty."""
+"""Words by their positions: priors, sums against brute force, and p-values of random keys."""
 
 from __future__ import annotations
 
@@ -10,72 +10,72 @@ import pytest
 from meshmark.statistics import window_mean
 from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
 from meshmark.statistics.word_windows import (
-    SHIFT_BELIEF,
+    SHIFT_PRIOR,
     SHIFTS,
-    WINDOW,
-    Windows,
+    WINDOW_SIZE,
     WordPosterior,
-    together,
+    WordWindows,
+    median_posterior,
 )
 
 M = 20
 
 
-def posterior(place, p_null=0.2) -> WordPosterior:
-    place = np.atleast_2d(np.array(place, dtype=float))
-    return WordPosterior(place, np.full(place.shape[1], p_null))
+def posterior(position, p_null=0.2) -> WordPosterior:
+    position = np.atleast_2d(np.array(position, dtype=float))
+    return WordPosterior(position, np.full(position.shape[1], p_null))
 
 
-def brute_mean(windows, e, shift, reading) -> float:
+def brute_mean(windows, e, shift, hypothesis) -> float:
     """Average over every way to give carriers words, written out."""
     total = ways = 0.0
-    first, p_null = windows.first[reading], windows.p_null[reading]
-    for way in product([None, *range(WINDOW)], repeat=len(first)):
+    first, p_null = windows.first[hypothesis], windows.p_null[hypothesis]
+    for way in product([None, *range(WINDOW_SIZE)], repeat=len(first)):
         words = [first[c] + w for c, w in enumerate(way) if w is not None]
         if len(set(words)) < len(words):
             continue
-        belief = value = 1.0
+        prior = value = 1.0
         for c, w in enumerate(way):
-            belief *= p_null[c] if w is None else windows.belief[shift, reading, c, w]
+            prior *= p_null[c] if w is None else windows.prior[shift, hypothesis, c, w]
             value *= 1.0 if w is None else e[c, w]
-        ways += belief
-        total += belief * value
+        ways += prior
+        total += prior * value
     return float(np.log(total / ways))
 
 
 @pytest.mark.parametrize(
-    "places", [[3.2, 3.4, 3.9], [0.0, 19.0, 9.5], [12.0, 4.1, 5.0], [7.7, 7.7, 7.7, 7.7]]
+    "positions", [[3.2, 3.4, 3.9], [0.0, 19.0, 9.5], [12.0, 4.1, 5.0], [7.7, 7.7, 7.7, 7.7]]
 )
-def test_the_mean_is_over_all_ways_in_which_no_word_is_held_twice(places) -> None:
+def test_the_mean_is_over_all_assignments_in_which_no_word_is_held_twice(positions) -> None:
     rng = np.random.default_rng(0)
-    windows = posterior([places, places[::-1]]).windows(M)
-    e = np.exp(rng.normal(size=(5, len(places), WINDOW)))
-    shift, reading = np.array([3, 1, 0, 1, 0]), np.array([0, 1, 0, 1, 1])
-    found = windows.log_mean(e, shift, reading)
-    wanted = [brute_mean(windows, e[i], shift[i], reading[i]) for i in range(5)]
+    windows = posterior([positions, positions[::-1]]).windows(M)
+    e = np.exp(rng.normal(size=(5, len(positions), WINDOW_SIZE)))
+    shift, hypothesis = np.array([3, 1, 0, 1, 0]), np.array([0, 1, 0, 1, 1])
+    found = windows.log_mean(e, shift, hypothesis)
+    wanted = [brute_mean(windows, e[i], shift[i], hypothesis[i]) for i in range(5)]
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
-def test_beliefs_sum_to_one_and_fall_with_the_distance_from_the_place() -> None:
+def test_priors_sum_to_one_and_fall_with_the_distance_from_the_position() -> None:
     windows = posterior([0.3, 9.8, 19.0, np.nan]).windows(M)
-    sums = windows.belief.sum(axis=-1) + windows.p_null
+    sums = windows.prior.sum(axis=-1) + windows.p_null
     np.testing.assert_allclose(sums, 1.0)
     assert windows.first.min() >= 0
-    assert windows.first.max() <= M - WINDOW
-    near = windows.first[0, 1] + np.argsort(-windows.belief[0, 0, 1])[:2]
+    assert windows.first.max() <= M - WINDOW_SIZE
+    near = windows.first[0, 1] + np.argsort(-windows.prior[0, 0, 1])[:2]
     assert near.tolist() == [10, 9]
     # Nobody knows where the last one stands: it holds nothing.
     assert windows.p_null[0, 3] == 1.0
-    assert not windows.belief[:, 0, 3].any()
-    assert SHIFT_BELIEF.sum() == pytest.approx(1.0)
-    assert (SHIFTS[0], SHIFT_BELIEF.argmax()) == (0.0, 0)
+    assert not windows.prior[:, 0, 3].any()
+    assert SHIFT_PRIOR.sum() == pytest.approx(1.0)
+    assert (SHIFTS[0], SHIFT_PRIOR.argmax()) == (0.0, 0)
 
 
 def test_a_shift_moves_all_carriers_alike() -> None:
     windows = posterior([6.0, 12.0]).windows(M)
     up = int(np.flatnonzero(SHIFTS == 1.0)[0])
-    assert (windows.first + windows.belief[0, 0].argmax(axis=-1)).tolist() == [[6, 12]]
-    assert (windows.first + windows.belief[up, 0].argmax(axis=-1)).tolist() == [[7, 13]]
+    assert (windows.first + windows.prior[0, 0].argmax(axis=-1)).tolist() == [[6, 12]]
+    assert (windows.first + windows.prior[up, 0].argmax(axis=-1)).tolist() == [[7, 13]]
 
 
 def test_a_word_where_it_is_expected_is_worth_more_than_elsewhere() -> None:
@@ -83,15 +83,15 @@ def test_a_word_where_it_is_expected_is_worth_more_than_elsewhere() -> None:
     words = 2 * rng.integers(0, 2, size=(M, 16)) - 1
     S = 0.9 * words[[4, 9, 15]][None].astype(float)
     scores = [
-        log10_p_words(S, words, posterior=posterior(places))
-        for places in ([4.1, 9.2, 14.8], [5.8, 11.0, 16.9], [9.0, 15.0, 4.0])
+        log10_p_words(S, words, posterior=posterior(positions))
+        for positions in ([4.1, 9.2, 14.8], [5.8, 11.0, 16.9], [9.0, 15.0, 4.0])
     ]
     assert scores[0] < scores[1] < scores[2]
     assert scores[0] < -9.0
     assert scores[2] > -1.0
 
 
-def test_p_is_honest_where_words_have_places() -> None:
+def test_p_is_honest_where_words_have_positions() -> None:
     n = 3000
     rng = np.random.default_rng(2)
     words = 2 * rng.integers(0, 2, size=(n, M, 12)) - 1
@@ -105,17 +105,17 @@ def test_p_is_honest_where_words_have_places() -> None:
 
 
 @pytest.mark.parametrize(
-    ("places", "held"),
+    ("positions", "held"),
     [
         ([2.0, 7.0, 8.0, 15.0], [2, 7, 8, 15]),
-        # Carriers of one shape crowd about a place: each still gets a word of its own.
+        # Carriers of one shape crowd about a position: each still gets a word of its own.
         ([7.0, 7.1, 7.2, 15.0], [6, 7, 8, 15]),
     ],
 )
-def test_the_best_of_keys_reaches_what_is_foretold(places, held) -> None:
+def test_the_best_of_keys_reaches_what_is_foretold(positions, held) -> None:
     rng = np.random.default_rng(3)
     words = 2 * rng.integers(0, 2, size=(M, 14)) - 1
-    where = posterior(places, p_null=0.1)
+    where = posterior(positions, p_null=0.1)
     S = words[held][None].astype(float)
     foretold = reachable_log10_p(np.ones((4, 14), dtype=bool), M, 0.0, where)
     found = log10_p_words(S, words, np.zeros(1), where)
@@ -125,7 +125,7 @@ def test_the_best_of_keys_reaches_what_is_foretold(places, held) -> None:
 
 @pytest.mark.parametrize("loud", [0.3, 1.0])
 @pytest.mark.parametrize("n_chips", [2, 16, 64])
-def test_readings_told_apart_in_single_precision_are_the_right_ones(
+def test_hypotheses_told_apart_in_single_precision_are_the_right_ones(
     monkeypatch, loud, n_chips
 ) -> None:
     rng = np.random.default_rng(4)
@@ -138,22 +138,22 @@ def test_readings_told_apart_in_single_precision_are_the_right_ones(
     where.position[7, 2] = np.nan
     prior = np.log(rng.dirichlet(np.ones(60)))
     found = word_log_e_means(S, prior, words, where)
-    monkeypatch.setattr(window_mean, "SINGLE_CHIPS", 0)
+    monkeypatch.setattr(window_mean, "MAX_FLOAT32_CHIPS", 0)
     np.testing.assert_allclose(found, word_log_e_means(S, prior, words, where), rtol=0, atol=1e-10)
 
 
-def test_most_readings_are_looked_at_in_single_precision_only(monkeypatch) -> None:
+def test_most_hypotheses_are_scored_in_single_precision_only(monkeypatch) -> None:
     rng = np.random.default_rng(5)
     S, words = rng.uniform(-1, 1, size=(200, 5, 16)), rng.choice([-1, 1], size=(40, 24, 16))
     where = WordPosterior(rng.uniform(0.0, 23.0, size=(200, 5)), np.full(5, 0.2))
     seen = []
-    exact = Windows.scores_under
+    exact = WordWindows.scores_under
 
-    def counted(self, S, words, reading):
-        seen.append(reading.size)
-        return exact(self, S, words, reading)
+    def counted(self, S, words, hypothesis):
+        seen.append(hypothesis.size)
+        return exact(self, S, words, hypothesis)
 
-    monkeypatch.setattr(Windows, "scores_under", counted)
+    monkeypatch.setattr(WordWindows, "scores_under", counted)
     word_log_e_means(S, np.full(200, -np.log(200.0)), words, where)
     assert sum(seen) < 0.1 * 200 * 40
 
@@ -161,6 +161,6 @@ def test_most_readings_are_looked_at_in_single_precision_only(monkeypatch) -> No
 def test_frames_say_together_what_most_of_them_say() -> None:
     each = [posterior([2.0, 5.0, np.nan], p_null) for p_null in (0.1, 0.1, 0.4)]
     each[2].position[:] = [[9.0, np.nan, np.nan]]
-    found = together(each)
+    found = median_posterior(each)
     np.testing.assert_array_equal(found.position, [[2.0, 5.0, np.nan]])
     np.testing.assert_allclose(found.p_null, [0.2, 0.1, 1.0])
