@@ -175,7 +175,7 @@ def two_capsules_and_a_button():
     return side_by_side(large, (V + shift, F), (button[0] + 2 * shift, button[1]))
 
 
-def test_every_piece_has_its_own_tips_and_unit_and_buttons_have_none():
+def test_every_component_has_its_own_tips_and_root_area_and_buttons_have_none():
     V, F = two_capsules_and_a_button()
     assert [len(component.vertices) for component in large_components(V, F)] == [1442, 1002]
     fields = detected(V, F, LEAST, 12)
@@ -185,7 +185,7 @@ def test_every_piece_has_its_own_tips_and_unit_and_buttons_have_none():
         assert field.H.shape == (2, len(V))
 
 
-def test_over_all_pieces_the_most_prominent_are_kept():
+def test_over_all_components_the_most_prominent_are_kept():
     V, F = two_capsules_and_a_button()
     every = np.concatenate([field.persistence for field in detected(V, F, LEAST, 12)])
     (field,) = detected(V, F, LEAST, 1)
@@ -213,7 +213,7 @@ def test_measuring_from_given_anchors_finds_the_same_distances():
         geodesic_fields(V, F, np.array([1440, len(V) - 1]))
 
 
-def test_bulk_and_remoteness_of_a_point_of_a_sphere():
+def test_disc_area_and_mean_distance_of_a_point_of_a_sphere():
     V, F = icosphere(5)
     (field,) = geodesic_fields(V, F, np.array([0, 100]))
     # Archimedes: the share of a cap is half its height.
@@ -245,7 +245,7 @@ def test_the_order_of_vertices_and_faces_changes_nothing():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_a_sighting_is_the_same_wherever_and_however_large_and_in_any_order(scale):
+def test_an_observation_is_the_same_wherever_and_however_large_and_in_any_order(scale):
     V, F = bumpy_sphere(4, HORNS, width=np.array([0.34, 0.26, 0.32, 0.24, 0.3]))
     rng = np.random.default_rng(2)
     mixed = reordered(moved(V, scale, rng), F, rng)

@@ -85,7 +85,7 @@ def test_the_teeth_of_a_cut_share_a_direction():
     assert np.vecdot(outwards[place[:, 0]], outwards[place[:, 1]]).min() > 0.9
 
 
-def test_a_collar_turns_and_moves_with_its_surface():
+def test_an_extension_turns_and_moves_with_its_surface():
     V, F, _ = below(*capsule(24, 60), 0.5)
     rng = np.random.default_rng(0)
     for scale in (1.0, 7.0):
