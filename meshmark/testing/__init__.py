@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from meshmark.testing.geodesics import GeodesicSolverSuite
     from meshmark.testing.joint_schemes import JointSchemeSuite
     from meshmark.testing.readers import ReaderSuite
-    from meshmark.testing.schemes import SchemeSuite
+    from meshmark.testing.binned_schemes import SchemeSuite
     from meshmark.testing.segmenters import SegmenterSuite
 
 __all__ = [
@@ -31,7 +31,7 @@ _HOMES = {
     "GeodesicSolverSuite": "geodesics",
     "JointSchemeSuite": "joint_schemes",
     "ReaderSuite": "readers",
-    "SchemeSuite": "schemes",
+    "SchemeSuite": "binned_schemes",
     "SegmenterSuite": "segmenters",
 }
 

@@ -17,7 +17,7 @@ from meshmark.mesh.asset import as_asset
 from meshmark.metrics import distortion, texture_drift
 from meshmark.sources.readers import read, texture_coordinates
 from meshmark.testing.meshes import plane, revolution
-from meshmark.testing.schemes import swaying
+from meshmark.testing.binned_schemes import swaying
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text
 
 

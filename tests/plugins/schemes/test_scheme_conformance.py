@@ -15,7 +15,7 @@ from meshmark.extension.registry import catalogue
 from meshmark.testing import JointSchemeSuite, SchemeSuite
 from meshmark.testing.any_scheme import NAME, OTHER
 from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
-from meshmark.testing.schemes import swaying
+from meshmark.testing.binned_schemes import swaying
 
 
 class BuiltIn:
