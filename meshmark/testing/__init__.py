@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from meshmark.testing.attacks import AttackSuite
     from meshmark.testing.geodesics import GeodesicSolverSuite
-    from meshmark.testing.joint_schemes import JointSchemeSuite
+    from meshmark.testing.schemes import JointSchemeSuite
     from meshmark.testing.readers import ReaderSuite
     from meshmark.testing.binned_schemes import SchemeSuite
     from meshmark.testing.segmenters import SegmenterSuite
@@ -29,7 +29,7 @@ __all__ = [
 _HOMES = {
     "AttackSuite": "attacks",
     "GeodesicSolverSuite": "geodesics",
-    "JointSchemeSuite": "joint_schemes",
+    "JointSchemeSuite": "schemes",
     "ReaderSuite": "readers",
     "SchemeSuite": "binned_schemes",
     "SegmenterSuite": "segmenters",

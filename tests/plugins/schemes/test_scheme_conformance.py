@@ -14,7 +14,7 @@ from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
 from meshmark.testing import JointSchemeSuite, SchemeSuite
 from meshmark.testing.any_scheme import NAME, OTHER
-from meshmark.testing.joint_schemes import analysed, assert_alike, galloping
+from meshmark.testing.schemes import analysed, assert_alike, galloping
 from meshmark.testing.binned_schemes import swaying
 
 
