@@ -87,6 +87,10 @@ class CapacityError(MeshmarkError):
     exit_code = 3
 
 
+class NoLayoutError(CapacityError):
+    """A frame without the carriers that vertex trajectories would take to all other frames."""
+
+
 class PluginError(MeshmarkError):
     """A plugin that could not be loaded, or broke its contract."""
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import cast
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
+from meshmark.extension.binned_scheme import as_scheme
+from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
 from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
 
@@ -80,7 +80,7 @@ class TimedRecipe(Recipe):
         """Time what another recipe builds."""
         return cls(recipe.scheme, recipe.segmenter, recipe.geodesic, recipe.settings, clock)
 
-    def build(self) -> AnyScheme:
+    def build(self) -> Scheme:
         """Make the scheme, with its segmenter and solver."""
         solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
         made = catalogue().make(
@@ -90,4 +90,4 @@ class TimedRecipe(Recipe):
             solver=TimedSolverFactory(solver, self.clock),
             **self.settings.get(self.scheme, {}),
         )
-        return cast(AnyScheme, made)
+        return as_scheme(made)

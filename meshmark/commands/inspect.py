@@ -10,7 +10,6 @@ import numpy as np
 from meshmark.detection.extraction import extract
 from meshmark.errors import CapacityError, InputError, NoExtentError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
-from meshmark.extension.interfaces import JointScheme
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
@@ -68,10 +67,9 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         _require_marking(animation, bad.values())
         entry["notes"] += require_precision(animation, first)
         scheme = recipe.build()
-        if isinstance(scheme, JointScheme):
-            sound = animation.select([i for i in range(len(animation)) if i not in bad])
-            with breakdown_means_no_capacity():
-                scheme.require_capacity(sound.map(Welding.of(first).frame), jobs=1)
+        sound = animation.select([i for i in range(len(animation)) if i not in bad])
+        with breakdown_means_no_capacity():
+            scheme.require_capacity(sound.map(Welding.of(first).frame), jobs=1)
         evidence = extract(animation, scheme, recipe.scheme, frames=(index,))
     except (CapacityError, InputError) as error:
         return {**entry, "reason": error.message}

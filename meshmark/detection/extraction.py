@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from meshmark.detection.evidence import Evidence, LazySequence, RestoredVariant,
 from meshmark.detection.interpolated_frames import own_poses
 from meshmark.detection.reference_frame import readable, reference_frame
 from meshmark.detection.unsmoothing import unsmooth
-from meshmark.errors import CapacityError, InputError
+from meshmark.errors import CapacityError, InputError, NoLayoutError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
-from meshmark.extension.carrier import Observation, observation_of
-from meshmark.extension.interfaces import AnyScheme, JointScheme
+from meshmark.extension.carrier import Observation
+from meshmark.extension.interfaces import Scheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
 from meshmark.workers.disk_list import DiskList
@@ -39,16 +38,16 @@ class Observer:
     ----------
     animation : MeshAnimation
         The copy.
-    scheme : Scheme or JointScheme
+    scheme : Scheme
         What is measured.
     restorations : tuple of int
         Iterations of smoothing to undo; 0 for the frame as it stands.
     reference : int
-        Frame whose layout vertex trajectories carry to the others.
+        Frame that the others are compared with, where all share its topology.
     """
 
     animation: MeshAnimation
-    scheme: AnyScheme
+    scheme: Scheme
     restorations: tuple[int, ...]
     reference: int
 
@@ -59,24 +58,23 @@ class Observer:
         return Welding.of(self.animation[self.reference]) if tracked else None
 
     @cached_property
-    def layouts(self) -> dict[int, Any]:
-        """What the scheme's trajectories carry, for each restoration."""
-        frame = self.animation[self.reference]
-        scheme = self.scheme
-        if self.welding is None or isinstance(scheme, JointScheme):
-            return {}
-        with breakdown_means_no_capacity():
-            return {
-                n: scheme.layout(self.welding.frame(unsmooth(frame, n))) for n in self.restorations
-            }
-
-    @cached_property
     def references(self) -> dict[int, Frame]:
-        """The reference frame as it stands and restored, where all frames share its topology."""
-        if self.welding is None:
-            return {}
-        frame = self.animation[self.reference]
-        return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+        """The reference frame as it stands and restored, where all frames share its topology.
+
+        Raises
+        ------
+        CapacityError
+            If there is nothing to analyse in it; NoLayoutError if no frame is analysed then.
+        """
+        try:
+            if self.welding is None:
+                return {}
+            frame = self.animation[self.reference]
+            return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+        except CapacityError as error:
+            raise (
+                NoLayoutError(error.message) if self.scheme.follows_vertices else error
+            ) from None
 
     def __call__(self, index: int) -> Observations | InputError:
         """Measure frame `index` under every restoration; None where nothing is found.
@@ -89,19 +87,17 @@ class Observer:
             return error
         except CapacityError:
             return (None,) * len(self.restorations)
-        return tuple(_compact(self._sight(unsmooth(frame, n), n)) for n in self.restorations)
+        return tuple(_compact(self._observe(unsmooth(frame, n), n)) for n in self.restorations)
 
-    def _sight(self, frame: Frame, restored: int) -> Observation | None:
-        scheme = self.scheme
-        # What they lack, all frames lack.
-        layouts = self.layouts
+    def _observe(self, frame: Frame, restored: int) -> Observation | None:
         try:
             with breakdown_means_no_capacity():
+                reference = self.references.get(restored)
                 analysed = (self.welding or Welding.of(frame)).frame(frame)
-                if isinstance(scheme, JointScheme):
-                    return scheme.observe(analysed, self.references.get(restored))
-                layout = layouts[restored] if layouts else scheme.layout(analysed)
-                return observation_of(scheme.carriers(analysed, layout), scheme.strength)
+                return self.scheme.observe(analysed, reference)
+        except NoLayoutError:
+            # What the reference lacks, all frames lack.
+            raise
         except CapacityError:
             return None
 
@@ -118,7 +114,7 @@ class Extraction:
     ----------
     candidate : Candidate or MeshAnimation
         The copy, or a part of it.
-    scheme : Scheme or JointScheme
+    scheme : Scheme
         What is measured.
     scheme_name : str
         Its name, by which keys derive words.
@@ -129,7 +125,7 @@ class Extraction:
     def __init__(
         self,
         candidate: Candidate | MeshAnimation,
-        scheme: AnyScheme,
+        scheme: Scheme,
         scheme_name: str,
         *,
         jobs: int = 1,
@@ -152,7 +148,7 @@ class Extraction:
     @property
     def restorations(self) -> tuple[int, ...]:
         """Every hypothesis of smoothing the scheme wants undone, 0 first."""
-        return self.scheme.restorations if isinstance(self.scheme, JointScheme) else (0,)
+        return self.scheme.restorations
 
     def settle(self, frames: Sequence[int] | None = None) -> int:
         """Choose the frame that others are compared with, among some or all; only once.
@@ -175,9 +171,9 @@ class Extraction:
     ) -> Evidence:
         """Measure the frames that were not yet, and return the evidence of them all.
 
-        A joint scheme is not shown frames that are mere blends of their neighbours; how many
-        were passed over is kept in `passed_over`. So are frames that cannot be read, which are
-        kept in `unreadable`.
+        A scheme that does not follow vertices does not observe frames that are mere blends of
+        their neighbours; how many were passed over is kept in `passed_over`. So are frames that
+        cannot be read, which are kept in `unreadable`.
 
         Raises
         ------
@@ -188,7 +184,7 @@ class Extraction:
         """
         wanted = self.restorations if restorations is None else restorations
         self.settle(frames)
-        if isinstance(self.scheme, JointScheme):
+        if not self.scheme.follows_vertices:
             asked, frames = frames, own_poses(self.animation, frames)
             self.asked, self.passed_over = len(asked), len(asked) - len(frames)
         frames = self._readable(frames)
@@ -275,7 +271,7 @@ class Extraction:
     def _matcher(self) -> Matcher:
         if not self.animation.constant_topology:
             return by_looks
-        if not isinstance(self.scheme, JointScheme):
+        if self.scheme.follows_vertices:
             # Trajectories keep carriers in one order; matching alike ones could only mix them up.
             return in_order
         reference = self.animation[self.settle()]
@@ -284,7 +280,7 @@ class Extraction:
 
 def extract(
     animation: MeshAnimation,
-    scheme: AnyScheme,
+    scheme: Scheme,
     scheme_name: str,
     *,
     frames: Sequence[int] | None = None,

@@ -12,12 +12,20 @@ from typing import Any, Protocol
 
 import pluggy
 
-from meshmark.extension.interfaces import Attack, GeodesicSolver, Reader, Scheme, Segmenter
+from meshmark.extension.interfaces import (
+    Attack,
+    BinnedScheme,
+    GeodesicSolver,
+    Reader,
+    Scheme,
+    Segmenter,
+)
 
 __all__ = [
     "PROJECT",
     "Attack",
     "AttackRecord",
+    "BinnedScheme",
     "Factory",
     "GeodesicSolver",
     "GeodesicSolverRecord",
@@ -89,7 +97,10 @@ class GeodesicSolverRecord(PluginRecord):
 
 
 class SchemeRecord(PluginRecord):
-    """Offers a `Scheme`; the factory takes `segmenter` and `solver` factories as keywords."""
+    """Offers a `Scheme` or a `BinnedScheme`.
+
+    The factory takes `segmenter` and `solver` as keywords.
+    """
 
 
 class AttackRecord(PluginRecord):
@@ -161,13 +172,13 @@ def meshmark_geodesic_solvers() -> Iterable[GeodesicSolverRecord]:  # type: igno
 
 @hookspec
 def meshmark_schemes() -> Iterable[SchemeRecord]:  # type: ignore[empty-body]
-    """Offer watermarking schemes; the factory makes a `Scheme` or a `JointScheme`.
+    """Offer watermarking schemes; the factory makes a `Scheme` or a `BinnedScheme`.
 
     Beside its own parameters the factory takes two keywords: `segmenter`, a `Segmenter`, and
-    `solver`, a callable (V, F) -> `GeodesicSolver`. A scheme says where the carriers are and
-    how vertices move; measuring, targets, the closed loop and statistics are the core's. A joint
-    scheme finds carriers in each frame anew, and plans the marking of all frames at once.
-    `meshmark.testing.SchemeSuite` and `JointSchemeSuite` check them.
+    `solver`, a callable (V, F) -> `GeodesicSolver`. A binned scheme says where the carriers are
+    and how vertices move; measuring, targets and the closed loop are the core's. Any other
+    scheme observes each frame by itself, and plans the marking of all frames at once. Statistics
+    are the core's for both. `meshmark.testing.SchemeSuite` and `BinnedSchemeSuite` check them.
 
     Examples
     --------

@@ -87,9 +87,113 @@ class GeodesicSolver(Protocol):
         ...
 
 
+class MarkingPlan(Protocol):
+    """How a scheme will mark one animation; must pickle, for worker processes."""
+
+    @property
+    def carriers(self) -> int:
+        """Number of carriers it marks."""
+        ...
+
+    def mark(self, index: int, frame: Frame) -> FloatArray:
+        """Return the marked positions (N, 3) of frame `index` of the planned animation.
+
+        No face may turn over: see `meshmark.mesh.flip_guard`.
+        """
+        ...
+
+
 @runtime_checkable
 class Scheme(Protocol):
+    """Observes each frame by itself, and marks all frames by one plan.
+
+    Where binned carriers and moves say all about a scheme, a `BinnedScheme` is less work: the
+    closed loop that drives it is the core's.
+
+    Attributes
+    ----------
+    n_chips : int
+        Chips of one carrier.
+    n_words : int
+        Code words, each for a carrier of its own.
+    restorations : tuple of int
+        Iterations of umbrella smoothing that are worth undoing before a look, 0 first.
+    follows_vertices : bool
+        Whether carriers are found in `reference` and followed along vertex trajectories, where
+        all frames share a topology. They then have the same order in every frame, and frames
+        that are blends of their neighbours are observed like the others.
+    """
+
+    n_chips: int
+    n_words: int
+    restorations: tuple[int, ...]
+    follows_vertices: bool
+
+    def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
+        """Measure a frame alone: every carrier, under every reading.
+
+        Parameters
+        ----------
+        frame : Frame
+            As analysis sees it.
+        reference : Frame, optional
+            A frame of the same mesh, the same for all that are measured: what depends on the
+            size of the mesh is taken from it, so that readings mean the same in every pose.
+
+        Raises
+        ------
+        NoLayoutError
+            If there is no carrier in `reference`, and therefore in no frame.
+        CapacityError
+            If there is no carrier in this frame.
+        """
+        ...
+
+    def require_capacity(self, animation: MeshAnimation, *, jobs: int) -> None:
+        """Look, without a key, whether an animation could be marked.
+
+        Raises
+        ------
+        CapacityError
+            If it could not, with the reason and what to do.
+        """
+        ...
+
+    def plan(
+        self,
+        animation: MeshAnimation,
+        words: IntArray,
+        *,
+        generator: np.random.Generator,
+        step: float,
+        jobs: int,
+    ) -> MarkingPlan:
+        """Decide how all frames of an animation of one topology are to be marked.
+
+        Parameters
+        ----------
+        words : (n_words, n_chips) int
+            The key's code words; which carrier takes which, `observe` must be able to tell.
+        generator : numpy.random.Generator
+            Seeded by the key, for what is chosen at random.
+        step : float
+            What coordinates are rounded to where they are stored: a move is whole steps long.
+        jobs : int
+            Worker processes that may be used.
+
+        Raises
+        ------
+        CapacityError
+            If the mesh is too small or too featureless, with the reason and what to do.
+        """
+        ...
+
+
+@runtime_checkable
+class BinnedScheme(Protocol):
     """Says where the carriers come from, and how vertices move. All else is the core's.
+
+    `meshmark.extension.binned_scheme` makes a `Scheme` of it.
 
     Attributes
     ----------
@@ -169,95 +273,6 @@ class Scheme(Protocol):
             The code word, +-1, each carrier was marked with.
         """
         ...
-
-
-class MarkingPlan(Protocol):
-    """How a joint scheme will mark one animation; must pickle, for worker processes.
-
-    Attributes
-    ----------
-    carriers : int
-        Number of carriers it marks.
-    """
-
-    carriers: int
-
-    def mark(self, index: int, frame: Frame) -> FloatArray:
-        """Return the marked positions (N, 3) of frame `index` of the planned animation.
-
-        No face may turn over: see `meshmark.mesh.flip_guard`.
-        """
-        ...
-
-
-@runtime_checkable
-class JointScheme(Protocol):
-    """Finds its carriers in every frame anew, and marks all frames by one plan.
-
-    For schemes whose frames must agree with each other. One that binned carriers and moves say
-    all about is better off as a `Scheme`, whose closed loop is the core's.
-
-    Attributes
-    ----------
-    n_chips : int
-        Chips of one carrier.
-    n_words : int
-        Code words, each for a carrier of its own.
-    restorations : tuple of int
-        Iterations of umbrella smoothing that are worth undoing before a look, 0 first.
-    """
-
-    n_chips: int
-    n_words: int
-    restorations: tuple[int, ...]
-
-    def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
-        """Measure a frame alone: every carrier, under every reading.
-
-        Parameters
-        ----------
-        frame : Frame
-            As analysis sees it.
-        reference : Frame, optional
-            A frame of the same mesh, the same for all that are measured: what depends on the
-            size of the mesh is taken from it, so that readings mean the same in every pose.
-
-        Raises
-        ------
-        CapacityError
-            If there is no carrier in it.
-        """
-        ...
-
-    def require_capacity(self, animation: MeshAnimation, *, jobs: int) -> None:
-        """Look, without a key, whether an animation could be marked.
-
-        Raises
-        ------
-        CapacityError
-            If it could not, with the reason and what to do.
-        """
-        ...
-
-    def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int) -> MarkingPlan:
-        """Decide how all frames of an animation of one topology are to be marked.
-
-        Parameters
-        ----------
-        words : (n_words, n_chips) int
-            The key's code words; which carrier takes which, `observe` must be able to tell.
-        jobs : int
-            Worker processes that may be used.
-
-        Raises
-        ------
-        CapacityError
-            If the mesh is too small or too featureless, with the reason and what to do.
-        """
-        ...
-
-
-AnyScheme = Scheme | JointScheme
 
 
 @runtime_checkable

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
+from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
-from meshmark.extension.interfaces import AnyScheme, GeodesicSolver, Segmenter
+from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
 from meshmark.extension.registry import (
     RegisteredPlugin,
     catalogue,
@@ -77,7 +78,7 @@ class Recipe:
             plugins.find("geodesic", self.geodesic),
         )
 
-    def build(self) -> AnyScheme:
+    def build(self) -> Scheme:
         """Make the scheme, with its segmenter and solver."""
         solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
         made = catalogue().make(
@@ -87,7 +88,7 @@ class Recipe:
             solver=solver,
             **self.settings.get(self.scheme, {}),
         )
-        return cast(AnyScheme, made)
+        return as_scheme(made)
 
     def build_segmenter(self) -> Segmenter:
         """Make the segmenter alone."""

@@ -1,6 +1,6 @@
 """Conformance suites a plugin author subclasses, and meshes to test on.
 
-`AttackSuite`, `GeodesicSolverSuite`, `JointSchemeSuite`, `ReaderSuite`, `SchemeSuite` and
+`AttackSuite`, `BinnedSchemeSuite`, `GeodesicSolverSuite`, `ReaderSuite`, `SchemeSuite` and
 `SegmenterSuite` need pytest, which is imported only when one of them is asked for.
 """
 
@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from meshmark.testing.attacks import AttackSuite
+    from meshmark.testing.binned_schemes import BinnedSchemeSuite
     from meshmark.testing.geodesics import GeodesicSolverSuite
-    from meshmark.testing.schemes import JointSchemeSuite
     from meshmark.testing.readers import ReaderSuite
-    from meshmark.testing.binned_schemes import SchemeSuite
+    from meshmark.testing.schemes import SchemeSuite
     from meshmark.testing.segmenters import SegmenterSuite
 
 __all__ = [
     "AttackSuite",
+    "BinnedSchemeSuite",
     "GeodesicSolverSuite",
-    "JointSchemeSuite",
     "ReaderSuite",
     "SchemeSuite",
     "SegmenterSuite",
@@ -28,10 +28,10 @@ __all__ = [
 
 _HOMES = {
     "AttackSuite": "attacks",
+    "BinnedSchemeSuite": "binned_schemes",
     "GeodesicSolverSuite": "geodesics",
-    "JointSchemeSuite": "schemes",
     "ReaderSuite": "readers",
-    "SchemeSuite": "binned_schemes",
+    "SchemeSuite": "schemes",
     "SegmenterSuite": "segmenters",
 }
 

@@ -12,7 +12,6 @@ from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.extension.hookspecs import Scheme, SchemeRecord
-from meshmark.extension.interfaces import JointScheme
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.testing.meshes import Mesh
@@ -52,7 +51,7 @@ class AnySchemeSuite:
 
 
 def assert_found_blindly(
-    scheme: Scheme | JointScheme, animation: MeshAnimation, highest_log10_p: float
+    scheme: Scheme, animation: MeshAnimation, highest_log10_p: float
 ) -> Embedded:
     """Fail unless a mark is found without the original, by its key alone, and return it.
 

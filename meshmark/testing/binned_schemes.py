@@ -1,6 +1,6 @@
-"""What every scheme must do; subclass `SchemeSuite` in your own tests to check yours.
+"""What every binned scheme must do; subclass `BinnedSchemeSuite` in your own tests to check yours.
 
-class TestMyScheme(SchemeSuite):
+class TestMyScheme(BinnedSchemeSuite):
     @pytest.fixture
     def scheme(self):
         return MyScheme(...)
@@ -18,8 +18,9 @@ import pytest
 from meshmark.arrays import FloatArray
 from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError
+from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.carrier import Carrier, Chips, measure
-from meshmark.extension.hookspecs import Scheme, SchemeRecord
+from meshmark.extension.hookspecs import BinnedScheme, SchemeRecord
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.topology import Topology
 from meshmark.testing.any_scheme import (
@@ -54,11 +55,11 @@ def swaying(n_frames: int = 3) -> MeshAnimation:
     return MeshAnimation.from_arrays(np.stack(frames), F, prim="/Dumbbell", origin="dumbbell.usda")
 
 
-class SchemeSuite(AnySchemeSuite):
-    """Checks the contract of one scheme; override `scheme`, and what else differs."""
+class BinnedSchemeSuite(AnySchemeSuite):
+    """Checks the contract of one binned scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
-    def scheme(self) -> Scheme:
+    def scheme(self) -> BinnedScheme:
         """Offer the scheme under test."""
         raise NotImplementedError("override the fixture `scheme`")
 
@@ -77,9 +78,9 @@ class SchemeSuite(AnySchemeSuite):
         """Offer the first frame."""
         return animation[0]
 
-    def test_has_the_interface(self, scheme: Scheme) -> None:
+    def test_has_the_interface(self, scheme: BinnedScheme) -> None:
         """Its attributes tell what the core needs to know."""
-        assert isinstance(scheme, Scheme)
+        assert isinstance(scheme, BinnedScheme)
         assert scheme.n_chips >= 2
         assert scheme.n_words >= 1
         assert scheme.strength > 0
@@ -99,7 +100,7 @@ class SchemeSuite(AnySchemeSuite):
             assert getattr(given, name) == getattr(bare, name)
         assert given.strength == record.parameters["strength"]
 
-    def test_carriers_are_sound(self, scheme: Scheme, animation: MeshAnimation) -> None:
+    def test_carriers_are_sound(self, scheme: BinnedScheme, animation: MeshAnimation) -> None:
         """As many for every frame of a layout; vertices, bins and places in range."""
         layout = scheme.layout(animation[0])
         counts, descriptors = set(), set()
@@ -113,7 +114,7 @@ class SchemeSuite(AnySchemeSuite):
         assert len(counts) == len(descriptors) == 1
         assert counts.pop() >= 1
 
-    def test_same_frame_same_chips(self, scheme: Scheme, animation: MeshAnimation) -> None:
+    def test_same_frame_same_chips(self, scheme: BinnedScheme, animation: MeshAnimation) -> None:
         """Nothing is drawn by chance, and nothing is kept from one frame to the next."""
         first, last = animation[0], animation[len(animation) - 1]
         layout = scheme.layout(first)
@@ -125,7 +126,7 @@ class SchemeSuite(AnySchemeSuite):
             np.testing.assert_array_equal(one.value, two.value)
             np.testing.assert_array_equal(one.count, two.count)
 
-    def test_leaves_the_frame_alone(self, scheme: Scheme, frame: Frame) -> None:
+    def test_leaves_the_frame_alone(self, scheme: BinnedScheme, frame: Frame) -> None:
         """Measuring and moving never write into the frame they are given."""
         before = frame.points.copy(), frame.faces.copy()
         layout = scheme.layout(frame)
@@ -134,7 +135,7 @@ class SchemeSuite(AnySchemeSuite):
         np.testing.assert_array_equal(frame.points, before[0])
         np.testing.assert_array_equal(frame.faces, before[1])
 
-    def test_scheme_and_layout_pickle(self, scheme: Scheme, animation: MeshAnimation) -> None:
+    def test_scheme_and_layout_pickle(self, scheme: BinnedScheme, animation: MeshAnimation) -> None:
         """A worker process measures the same chips."""
         layout = scheme.layout(animation[0])
         there, carried = pickle.loads(pickle.dumps((scheme, layout)))
@@ -144,7 +145,7 @@ class SchemeSuite(AnySchemeSuite):
 
     @pytest.mark.parametrize("scale", [1e-3, 1e3])
     def test_similarity_changes_nothing(
-        self, scheme: Scheme, frame: Frame, tolerance: float, scale: float
+        self, scheme: BinnedScheme, frame: Frame, tolerance: float, scale: float
     ) -> None:
         """Turning, scaling and shifting leave every chip, blindly found, as it was."""
         chips = chips_of(scheme, frame, scheme.layout(frame))
@@ -153,7 +154,9 @@ class SchemeSuite(AnySchemeSuite):
         np.testing.assert_allclose(again.value, chips.value, rtol=0, atol=tolerance)
         np.testing.assert_array_equal(again.held, chips.held)
 
-    def test_order_changes_nothing(self, scheme: Scheme, frame: Frame, tolerance: float) -> None:
+    def test_order_changes_nothing(
+        self, scheme: BinnedScheme, frame: Frame, tolerance: float
+    ) -> None:
         """Vertices and faces may stand in any order; carriers keep theirs."""
         chips = chips_of(scheme, frame, scheme.layout(frame))
         mixed = reordered(frame.points, frame.faces, np.random.default_rng(3))
@@ -161,7 +164,7 @@ class SchemeSuite(AnySchemeSuite):
         again = chips_of(scheme, other, scheme.layout(other))
         np.testing.assert_allclose(again.value, chips.value, rtol=0, atol=tolerance)
 
-    def test_no_shift_no_move(self, scheme: Scheme, frame: Frame) -> None:
+    def test_no_shift_no_move(self, scheme: BinnedScheme, frame: Frame) -> None:
         """Where nothing is wanted, nothing moves at all."""
         layout = scheme.layout(frame)
         carriers = scheme.carriers(frame, layout)
@@ -169,7 +172,7 @@ class SchemeSuite(AnySchemeSuite):
         points = scheme.move(frame, layout, carriers, still, np.random.default_rng(1))
         np.testing.assert_array_equal(points, frame.points)
 
-    def test_moves_change_chips_as_asked(self, scheme: Scheme, frame: Frame) -> None:
+    def test_moves_change_chips_as_asked(self, scheme: BinnedScheme, frame: Frame) -> None:
         """Chips go where they were asked to, those of which nothing was asked hardly move."""
         layout = scheme.layout(frame)
         carriers = scheme.carriers(frame, layout)
@@ -188,7 +191,7 @@ class SchemeSuite(AnySchemeSuite):
         assert right.mean() > 0.7
         assert np.abs(change[~asked]).mean() < 0.5 * NUDGE * scheme.strength
 
-    def test_same_generator_same_moves(self, scheme: Scheme, frame: Frame) -> None:
+    def test_same_generator_same_moves(self, scheme: BinnedScheme, frame: Frame) -> None:
         """All randomness of a move comes from the generator."""
         layout = scheme.layout(frame)
         carriers = scheme.carriers(frame, layout)
@@ -199,22 +202,22 @@ class SchemeSuite(AnySchemeSuite):
         np.testing.assert_array_equal(one, two)
 
     def test_a_mark_is_found_blindly_by_its_key_alone(
-        self, scheme: Scheme, animation: MeshAnimation, highest_log10_p: float
+        self, scheme: BinnedScheme, animation: MeshAnimation, highest_log10_p: float
     ) -> None:
         """Through float32, without the original: the key fits, no other does, nor the original."""
-        embedded = assert_found_blindly(scheme, animation, highest_log10_p)
+        embedded = assert_found_blindly(as_scheme(scheme), animation, highest_log10_p)
         assert embedded.carriers >= 1
 
-    def test_marks_are_the_keys(self, scheme: Scheme, animation: MeshAnimation) -> None:
+    def test_marks_are_the_keys(self, scheme: BinnedScheme, animation: MeshAnimation) -> None:
         """Equal keys give equal bytes, another key another mark."""
         one, two, other = (
-            embed_animation(animation.select([0]), scheme, NAME, key).animation[0].points
+            embed_animation(animation.select([0]), as_scheme(scheme), NAME, key).animation[0].points
             for key in (KEY, KEY, OTHER)
         )
         np.testing.assert_array_equal(one, two)
         assert np.any(one != other)
 
-    def test_what_is_too_small_is_refused(self, scheme: Scheme) -> None:
+    def test_what_is_too_small_is_refused(self, scheme: BinnedScheme) -> None:
         """A tetrahedron has no room for a mark, and `layout` says so."""
         V, F = tetrahedron()
         with pytest.raises(CapacityError):
@@ -241,12 +244,12 @@ def assert_sound(carrier: Carrier, frame: Frame, n_chips: int) -> None:
     assert np.all(np.isfinite(carrier.descriptor))
 
 
-def chips_of(scheme: Scheme, frame: Frame, layout: Any) -> Chips:
+def chips_of(scheme: BinnedScheme, frame: Frame, layout: Any) -> Chips:
     """Measure the chips of one frame."""
     return measure(scheme.carriers(frame, layout))
 
 
-def nudges(scheme: Scheme, carriers: Sequence[Carrier]) -> list[FloatArray]:
+def nudges(scheme: BinnedScheme, carriers: Sequence[Carrier]) -> list[FloatArray]:
     """Ask for a small shift, up or down, of about a third of the chips that are held."""
     held = measure(carriers).held
     rng = np.random.default_rng(5)

@@ -1,9 +1,9 @@
-"""What every joint scheme must do; subclass `JointSchemeSuite` in your own tests to check yours.
+"""What every scheme must do; subclass `SchemeSuite` in your own tests to check yours.
 
-class TestMyJointScheme(JointSchemeSuite):
+class TestMyScheme(SchemeSuite):
     @pytest.fixture
     def scheme(self):
-        return MyJointScheme(...)
+        return MyScheme(...)
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
 from meshmark.arrays import IntArray
-from meshmark.embedding.mesh import embed_animation, plan_jointly
+from meshmark.embedding.mesh import embed_animation, plan_marking
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.hookspecs import SchemeRecord
-from meshmark.extension.interfaces import JointScheme
+from meshmark.extension.interfaces import Scheme
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
@@ -42,6 +42,8 @@ from meshmark.testing.meshes import Mesh, plane
 
 # Beliefs may exceed 1 in sum by what rounding adds.
 SLACK = 1e-9
+# What coordinates are rounded to where the suite stores them.
+STEP = 1e-7
 
 
 @lru_cache(maxsize=1)
@@ -57,11 +59,11 @@ def needle() -> Mesh:
     return np.outer([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-class JointSchemeSuite(AnySchemeSuite):
-    """Checks the contract of one joint scheme; override `scheme`, and what else differs."""
+class SchemeSuite(AnySchemeSuite):
+    """Checks the contract of one scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
-    def scheme(self) -> JointScheme:
+    def scheme(self) -> Scheme:
         """Offer the scheme under test."""
         raise NotImplementedError("override the fixture `scheme`")
 
@@ -80,14 +82,15 @@ class JointSchemeSuite(AnySchemeSuite):
         """Offer the first frame, as analysis sees it."""
         return analysed(animation)[0]
 
-    def test_has_the_interface(self, scheme: JointScheme) -> None:
+    def test_has_the_interface(self, scheme: Scheme) -> None:
         """Its attributes tell what the core needs to know."""
-        assert isinstance(scheme, JointScheme)
+        assert isinstance(scheme, Scheme)
         assert scheme.n_chips >= 2
         assert scheme.n_words >= 1
         assert isinstance(scheme.restorations, tuple)
         assert scheme.restorations[0] == 0
         assert list(scheme.restorations) == sorted(set(scheme.restorations))
+        assert isinstance(scheme.follows_vertices, bool)
 
     def test_recorded_parameters_are_the_defaults(
         self, record: SchemeRecord | None, parts: dict[str, Any], frame: Frame
@@ -101,7 +104,7 @@ class JointSchemeSuite(AnySchemeSuite):
             assert getattr(given, name) == getattr(bare, name)
         np.testing.assert_array_equal(given.observe(frame).soft, bare.observe(frame).soft)
 
-    def test_sightings_are_sound(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+    def test_sightings_are_sound(self, scheme: Scheme, animation: MeshAnimation) -> None:
         """Evidence and beliefs in range; readings are the same ones in every frame."""
         observations = [scheme.observe(frame) for frame in analysed(animation)]
         for observation, frame in zip(observations, analysed(animation), strict=True):
@@ -112,7 +115,7 @@ class JointSchemeSuite(AnySchemeSuite):
             assert (observation.vertices is None) == (observations[0].vertices is None)
             assert (observation.posterior is None) == (observations[0].posterior is None)
 
-    def test_same_frame_same_sighting(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+    def test_same_frame_same_sighting(self, scheme: Scheme, animation: MeshAnimation) -> None:
         """Nothing is drawn by chance, and nothing is kept from one frame to the next."""
         whole = analysed(animation)
         first, last = whole[0], whole[len(whole) - 1]
@@ -121,41 +124,39 @@ class JointSchemeSuite(AnySchemeSuite):
         for one, two in zip(before, after[::-1], strict=True):
             assert_equal(one, two)
 
-    def test_a_worker_sees_the_same(self, scheme: JointScheme, frame: Frame) -> None:
+    def test_a_worker_sees_the_same(self, scheme: Scheme, frame: Frame) -> None:
         """The scheme pickles, and looks alike wherever it is unpickled."""
         assert_equal(pickle.loads(pickle.dumps(scheme)).observe(frame), scheme.observe(frame))
 
     @pytest.mark.parametrize("scale", [1e-3, 1e3])
     def test_similarity_changes_nothing(
-        self, scheme: JointScheme, frame: Frame, tolerance: float, scale: float
+        self, scheme: Scheme, frame: Frame, tolerance: float, scale: float
     ) -> None:
         """Turning, scaling and shifting leave all evidence as it was."""
         other = frame.moved(moved(frame.points, scale, np.random.default_rng(2)))
         same = np.arange(len(frame.points))
         assert_alike(scheme.observe(frame), scheme.observe(other), same, tolerance)
 
-    def test_order_changes_nothing(
-        self, scheme: JointScheme, frame: Frame, tolerance: float
-    ) -> None:
+    def test_order_changes_nothing(self, scheme: Scheme, frame: Frame, tolerance: float) -> None:
         """Vertices and faces may stand in any order."""
         mixed = reordered(frame.points, frame.faces, np.random.default_rng(3))
         other = Frame(frame.time, mixed.V, Topology.from_triangles(mixed.F, len(mixed.V)))
         assert_alike(scheme.observe(frame), scheme.observe(other), mixed.vertex, tolerance)
 
     def test_a_mark_is_found_blindly_by_its_key_alone(
-        self, scheme: JointScheme, animation: MeshAnimation, highest_log10_p: float
+        self, scheme: Scheme, animation: MeshAnimation, highest_log10_p: float
     ) -> None:
         """Through float32, without the original: the key fits, no other does, nor the original."""
         embedded = assert_found_blindly(scheme, animation, highest_log10_p)
         assert 1 <= embedded.carriers <= scheme.n_words
 
-    def test_a_plan_is_all_a_worker_needs(
-        self, scheme: JointScheme, animation: MeshAnimation
-    ) -> None:
+    def test_a_plan_is_all_a_worker_needs(self, scheme: Scheme, animation: MeshAnimation) -> None:
         """It pickles, marks frames in any order, turns no face over, and writes into no frame."""
         pair = animation.select([0, len(animation) - 1])
         before = [frame.points.copy() for frame in pair]
-        plan = plan_jointly(pair, scheme, KEY.words(NAME, scheme.n_words, scheme.n_chips), 1)
+        words = KEY.words(NAME, scheme.n_words, scheme.n_chips)
+        drawn = KEY.generator(NAME)
+        plan = plan_marking(pair, scheme, words, generator=drawn, step=STEP, jobs=1)
         there = pickle.loads(pickle.dumps(plan))
         moves = [plan(t) for t in (1, 0)][::-1]
         for t, frame in enumerate(pair):
@@ -164,7 +165,7 @@ class JointSchemeSuite(AnySchemeSuite):
             marked = rounded(frame.moved(frame.points + moves[t]))
             assert flipped_faces(frame.points, marked.points, frame.faces) == 0
 
-    def test_another_key_another_mark(self, scheme: JointScheme, animation: MeshAnimation) -> None:
+    def test_another_key_another_mark(self, scheme: Scheme, animation: MeshAnimation) -> None:
         """Marks tell their keys, and the copies of different recipients, apart."""
         single = animation.select([0])
         one, two, three = (
@@ -175,7 +176,7 @@ class JointSchemeSuite(AnySchemeSuite):
         assert np.any(one != three)
 
     def test_equal_keys_give_equal_marks_by_any_number_of_workers(
-        self, scheme: JointScheme, animation: MeshAnimation
+        self, scheme: Scheme, animation: MeshAnimation
     ) -> None:
         """Nothing but the key and the animation decides, to the last bit."""
         one, two = (
@@ -185,12 +186,12 @@ class JointSchemeSuite(AnySchemeSuite):
             np.testing.assert_array_equal(alone.points, shared.points)
 
     def test_what_can_be_marked_is_not_refused(
-        self, scheme: JointScheme, animation: MeshAnimation
+        self, scheme: Scheme, animation: MeshAnimation
     ) -> None:
         """`require_capacity` passes what `plan` would mark."""
         scheme.require_capacity(analysed(animation), jobs=1)
 
-    def test_what_is_too_small_is_refused(self, scheme: JointScheme) -> None:
+    def test_what_is_too_small_is_refused(self, scheme: Scheme) -> None:
         """A tetrahedron has no room for a mark, and both who could say so do."""
         V, F = tetrahedron()
         small = MeshAnimation.from_arrays(V[None], F)
@@ -198,10 +199,10 @@ class JointSchemeSuite(AnySchemeSuite):
         with pytest.raises(CapacityError):
             scheme.require_capacity(small, jobs=1)
         with pytest.raises(CapacityError):
-            scheme.plan(small, words, jobs=1)
+            scheme.plan(small, words, generator=KEY.generator(NAME), step=STEP, jobs=1)
 
     @pytest.mark.parametrize("mesh", [tetrahedron(), plane(2), plane(12), needle()])
-    def test_sees_something_sound_or_refuses(self, scheme: JointScheme, mesh: Mesh) -> None:
+    def test_sees_something_sound_or_refuses(self, scheme: Scheme, mesh: Mesh) -> None:
         """Leaked copies come in every state; what holds no carrier is a `CapacityError`."""
         V, F = mesh
         frame = Frame(1.0, V, Topology.from_triangles(F, len(V)))

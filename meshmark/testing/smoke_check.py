@@ -62,10 +62,11 @@ def _geodesic(offer: RegisteredPlugin) -> list[str]:
 
 def _scheme(offer: RegisteredPlugin) -> list[str]:
     from meshmark.detection.extraction import extract
+    from meshmark.extension.binned_scheme import as_scheme
 
     segmenter = catalogue().make("segmenter", DEFAULT_SEGMENTER)
     solver = SolverFactory(DEFAULT_GEODESIC, {})
-    scheme = offer.record.factory(segmenter=segmenter, solver=solver)
+    scheme = as_scheme(offer.record.factory(segmenter=segmenter, solver=solver))
     evidence = extract(_animation(), scheme, offer.name)
     if evidence.n_chips != scheme.n_chips:
         return [f"a carrier has {evidence.n_chips} chips, not {scheme.n_chips}"]

@@ -31,13 +31,14 @@ SILENCE = np.zeros((M, K))
 
 @dataclass
 class Oracle:
-    """A joint scheme that sees, at each time, what it was given for it; and notes what it saw."""
+    """A scheme that sees, at each time, what it was given for it; and notes what it saw."""
 
     given: dict[float, np.ndarray]
     restorations: tuple[int, ...] = (0, 10, 30)
     seen: list[tuple[float, bytes]] = field(default_factory=list)
     n_chips = K
     n_words = M
+    follows_vertices = False
 
     def observe(self, frame, reference=None) -> Observation:
         self.seen.append((frame.time, frame.points.tobytes()))
@@ -49,7 +50,7 @@ class Oracle:
     def require_capacity(self, animation, *, jobs) -> None:
         raise NotImplementedError
 
-    def plan(self, animation, words, *, jobs) -> None:
+    def plan(self, animation, words, *, generator, step, jobs) -> None:
         raise NotImplementedError
 
 

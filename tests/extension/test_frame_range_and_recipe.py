@@ -68,7 +68,7 @@ def test_settings_go_to_their_plugins_with_their_types() -> None:
     recipe = recipe_from_text("tsai2014", settings=["bits=24", "sdf.rays=9"], own={"strength": 0.1})
     assert recipe.settings == {"tsai2014": {"bits": 24, "strength": 0.1}, "sdf": {"rays": 9}}
     scheme = recipe.build()
-    assert (scheme.n_chips, scheme.strength) == (24, 0.1)
+    assert (scheme.n_chips, scheme.binned.strength) == (24, 0.1)
     recorded = recipe.as_json()
     assert recorded["scheme"]["parameters"]["bits"] == 24
     assert recorded["scheme"]["parameters"]["propagate"] == "adapt"

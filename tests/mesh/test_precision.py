@@ -145,7 +145,7 @@ def test_a_mark_that_is_weakened_is_warned_of(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", ["double3", "transform"])
 def test_layouts_settle_on_what_will_be_stored(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """World positions were rounded to single precision, whatever the type and the transform."""
-    scheme = type(RECIPE.build())
+    scheme = type(RECIPE.build().binned)
     seen: list[Frame] = []
     layout = scheme.layout
     monkeypatch.setattr(scheme, "layout", lambda self, f: seen.append(f) or layout(self, f))

@@ -5,9 +5,11 @@ import pytest
 
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding.mesh import drive, embed_animation, settle
+from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError, UsageError
+from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.carrier import measure
+from meshmark.extension.closed_loop import drive, settle
 from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
@@ -110,25 +112,27 @@ def test_the_loop_brings_every_chip_to_its_target_though_the_centre_moves() -> N
 def test_the_key_is_found_through_float32_and_no_other(creature) -> None:
     animation = creature.select([3, 15])
     made = Cho2007()
-    marked = embed_animation(animation, made, "cho2007", KEY).animation
+    marked = embed_animation(animation, as_scheme(made), "cho2007", KEY).animation
     stored = marked.map(as_float32)
-    found = extract(stored, made, "cho2007")
+    found = extract(stored, as_scheme(made), "cho2007")
     assert found.chips >= 60
     assert judge(found, KEY).errors.maximum <= 0.05
     assert judge(found, KEY).log10_p < -15
     assert judge(found, Key(bytes(32))).log10_p > -2
-    assert judge(extract(animation, made, "cho2007"), KEY).log10_p > -2
+    assert judge(extract(animation, as_scheme(made), "cho2007"), KEY).log10_p > -2
 
 
 def test_frames_of_other_connectivity_are_found_too(creature) -> None:
     frame = creature[5]
     made = Cho2007()
-    marked = embed_animation(MeshAnimation.from_frames([frame]), made, "cho2007", KEY).animation[0]
+    marked = embed_animation(
+        MeshAnimation.from_frames([frame]), as_scheme(made), "cho2007", KEY
+    ).animation[0]
     order = np.random.default_rng(3).permutation(len(marked.points))
     new = np.argsort(order)
     mixed = Topology.from_triangles(new[marked.faces], len(order))
     both = [marked, Frame(frame.time + 1, marked.points[order], mixed)]
-    found = judge(extract(MeshAnimation.from_frames(both), made, "cho2007"), KEY)
+    found = judge(extract(MeshAnimation.from_frames(both), as_scheme(made), "cho2007"), KEY)
     assert found.log10_p_per_frame[0] == pytest.approx(found.log10_p_per_frame[1])
     assert found.log10_p < -15
 
@@ -160,19 +164,19 @@ def test_moves_are_not_carried_from_frame_to_frame() -> None:
 def test_a_horse_frame_survives_light_noise_and_rounding(data_folder) -> None:
     horse = read(str(data_folder / "horse-gallop.usdc")).meshes[0].select([0])
     made = Cho2007()
-    marked = embed_animation(horse, made, "cho2007", KEY).animation.map(as_float32)
+    marked = embed_animation(horse, as_scheme(made), "cho2007", KEY).animation.map(as_float32)
     spent = distortion(horse, marked)
     assert spent.mrms_rel < 3e-4
     assert spent.flipped_faces == 0
     attacks = [make_attack("noise", amplitude=0.001), make_attack("quantization", bits=10)]
     for attack in attacks:
         attacked = attack.apply(marked, np.random.default_rng(0))
-        found = judge(extract(attacked, made, "cho2007"), KEY)
+        found = judge(extract(attacked, as_scheme(made), "cho2007"), KEY)
         assert found.errors.maximum <= 0.05
         assert found.log10_p < -12
     # What it is known to be weak against: smoothing wipes the shells out.
     smooth = make_attack("smoothing", iterations=30).apply(marked, np.random.default_rng(0))
-    assert judge(extract(smooth, made, "cho2007"), KEY).errors.maximum > 0.2
+    assert judge(extract(smooth, as_scheme(made), "cho2007"), KEY).errors.maximum > 0.2
 
 
 def as_float32(frame: Frame) -> Frame:

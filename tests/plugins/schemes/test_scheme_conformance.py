@@ -9,13 +9,18 @@ import pytest
 
 from meshmark.extension.carrier import Observation
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
-from meshmark.extension.interfaces import JointScheme
+from meshmark.extension.interfaces import BinnedScheme, Scheme
 from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
-from meshmark.testing import JointSchemeSuite, SchemeSuite
+from meshmark.testing import BinnedSchemeSuite, SchemeSuite
 from meshmark.testing.any_scheme import NAME, OTHER
-from meshmark.testing.schemes import analysed, assert_alike, galloping
 from meshmark.testing.binned_schemes import swaying
+from meshmark.testing.schemes import analysed, assert_alike, galloping
+
+
+def binned(name: str) -> BinnedScheme:
+    """Return a binned scheme as its plugin makes it."""
+    return Recipe(name).build().binned
 
 
 class BuiltIn:
@@ -37,11 +42,19 @@ class BuiltIn:
         return {"segmenter": segmenter, "solver": SolverFactory(DEFAULT_GEODESIC, {})}
 
 
-class TestTsai2014(BuiltIn, SchemeSuite):
+class BuiltInBinned(BuiltIn):
+    """A binned scheme by its name."""
+
+    @pytest.fixture
+    def scheme(self):
+        return binned(self.name)
+
+
+class TestTsai2014(BuiltInBinned, BinnedSchemeSuite):
     name = "tsai2014"
 
 
-class TestCho2007(BuiltIn, SchemeSuite):
+class TestCho2007(BuiltInBinned, BinnedSchemeSuite):
     name = "cho2007"
 
     @pytest.fixture
@@ -49,7 +62,7 @@ class TestCho2007(BuiltIn, SchemeSuite):
         return creature.select([0, 8, 16])
 
 
-class TestApex(BuiltIn, JointSchemeSuite):
+class TestApex(BuiltIn, SchemeSuite):
     name = "apex"
 
     @pytest.fixture
@@ -66,21 +79,21 @@ def backwards(scheme):
     return scheme
 
 
-def test_the_suite_sees_moves_that_go_the_wrong_way() -> None:
-    suite, frame = SchemeSuite(), swaying(1)[0]
-    suite.test_moves_change_chips_as_asked(Recipe("cho2007").build(), frame)
+def test_the_suite_of_binned_schemes_sees_moves_that_go_the_wrong_way() -> None:
+    suite, frame = BinnedSchemeSuite(), swaying(1)[0]
+    suite.test_moves_change_chips_as_asked(binned("cho2007"), frame)
     with pytest.raises(AssertionError):
-        suite.test_moves_change_chips_as_asked(backwards(Recipe("cho2007").build()), frame)
+        suite.test_moves_change_chips_as_asked(backwards(binned("cho2007")), frame)
 
 
-def test_the_suite_sees_a_mark_that_cannot_be_found() -> None:
+def test_the_suite_of_binned_schemes_sees_a_mark_that_cannot_be_found() -> None:
     with pytest.raises(AssertionError):
-        SchemeSuite().test_a_mark_is_found_blindly_by_its_key_alone(
-            backwards(Recipe("cho2007").build()), swaying(2), -3.0
+        BinnedSchemeSuite().test_a_mark_is_found_blindly_by_its_key_alone(
+            backwards(binned("cho2007")), swaying(2), -3.0
         )
 
 
-def seeing(look) -> JointScheme:
+def seeing(look) -> Scheme:
     """Return apex with its observations of a frame changed."""
     scheme = Recipe("apex").build()
     observe = scheme.observe
@@ -100,25 +113,25 @@ def listening_to_place(observation, frame) -> Observation:
     return replace(observation, soft=observation.soft * np.cos(frame.points[0, 0]))
 
 
-def test_the_joint_suite_sees_evidence_that_is_not_of_the_shape_alone() -> None:
-    suite, frame = JointSchemeSuite(), analysed(galloping())[0]
+def test_the_suite_of_schemes_sees_evidence_that_is_not_of_the_shape_alone() -> None:
+    suite, frame = SchemeSuite(), analysed(galloping())[0]
     with pytest.raises(AssertionError, match="Not equal to tolerance"):
         suite.test_order_changes_nothing(seeing(listening_to_order), frame, 1e-6)
     with pytest.raises(AssertionError, match="Not equal to tolerance"):
         suite.test_similarity_changes_nothing(seeing(listening_to_place), frame, 1e-6, 1e3)
 
 
-def test_the_joint_suite_sees_more_belief_than_there_is() -> None:
+def test_the_suite_of_schemes_sees_more_belief_than_there_is() -> None:
     with pytest.raises(AssertionError):
-        JointSchemeSuite().test_sightings_are_sound(seeing(overconfident), galloping())
+        SchemeSuite().test_sightings_are_sound(seeing(overconfident), galloping())
 
 
-def test_the_joint_suite_sees_a_mark_that_cannot_be_found() -> None:
-    suite, one = JointSchemeSuite(), galloping().select([0])
+def test_the_suite_of_schemes_sees_a_mark_that_cannot_be_found() -> None:
+    suite, one = SchemeSuite(), galloping().select([0])
     scheme = Recipe("apex").build()
     suite.test_a_mark_is_found_blindly_by_its_key_alone(scheme, one, -6.0)
     plan, words = scheme.plan, OTHER.words(NAME, scheme.n_words, scheme.n_chips)
-    scheme.plan = lambda animation, _, *, jobs: plan(animation, words, jobs=jobs)
+    scheme.plan = lambda animation, _, **given: plan(animation, words, **given)
     with pytest.raises(AssertionError):
         suite.test_a_mark_is_found_blindly_by_its_key_alone(scheme, one, -6.0)
 

@@ -5,9 +5,11 @@ import pytest
 
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.embedding.mesh import drive, embed_animation, settle
+from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError, InputError
+from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.carrier import measure
+from meshmark.extension.closed_loop import drive, settle
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
@@ -208,18 +210,20 @@ def swinging(frame: Frame, n: int) -> MeshAnimation:
 def test_marked_frames_are_found_blindly(tube_frame, propagate) -> None:
     made = scheme(propagate=propagate)
     animation = swinging(tube_frame, 5)
-    marked = embed_animation(animation, made, "tsai2014", KEY).animation
-    found = judge(extract(marked, made, "tsai2014"), KEY)
+    marked = embed_animation(animation, as_scheme(made), "tsai2014", KEY).animation
+    found = judge(extract(marked, as_scheme(made), "tsai2014"), KEY)
     assert found.log10_p < -5
     # A stretched tube keeps shares of d_max, so that carried changes hold in every frame.
     assert found.errors.maximum == 0.0
-    assert judge(extract(animation, made, "tsai2014"), KEY).log10_p > -2
+    assert judge(extract(animation, as_scheme(made), "tsai2014"), KEY).log10_p > -2
 
 
 def test_equal_runs_are_byte_equal_and_other_keys_differ(tube_frame) -> None:
     animation = swinging(tube_frame, 2)
     runs = [
-        embed_animation(animation, scheme(), "tsai2014", key).animation[1].points.tobytes()
+        embed_animation(animation, as_scheme(scheme()), "tsai2014", key)
+        .animation[1]
+        .points.tobytes()
         for key in (KEY, KEY, Key(bytes(32)))
     ]
     assert runs[0] == runs[1] != runs[2]
@@ -227,7 +231,9 @@ def test_equal_runs_are_byte_equal_and_other_keys_differ(tube_frame) -> None:
 
 def test_frames_outside_the_range_stay_as_they_are(tube_frame) -> None:
     animation = swinging(tube_frame, 4)
-    marked = embed_animation(animation, scheme(), "tsai2014", KEY, frames=(1, 2)).animation
+    marked = embed_animation(
+        animation, as_scheme(scheme()), "tsai2014", KEY, frames=(1, 2)
+    ).animation
     moved = [np.any(marked[i].points != animation[i].points) for i in range(4)]
     assert moved == [False, True, True, False]
 
@@ -246,7 +252,7 @@ def test_changing_connectivity_cannot_be_marked(tube_frame) -> None:
     other = Frame(2.0, V, Topology.from_triangles(F, len(V)))
     animation = MeshAnimation.from_frames([tube_frame, other], prim="/Tube", origin="t.usd")
     with pytest.raises(InputError, match=r"t\.usd: /Tube: the connectivity changes"):
-        embed_animation(animation, scheme(), "tsai2014", KEY)
+        embed_animation(animation, as_scheme(scheme()), "tsai2014", KEY)
 
 
 @pytest.mark.slow

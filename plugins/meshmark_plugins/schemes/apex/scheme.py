@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,7 @@ class Apex:
     """
 
     restorations = (0, 10, 30, 50)
+    follows_vertices = False
 
     def __init__(
         self,
@@ -123,7 +125,9 @@ class Apex:
         """Refuse an animation without lasting anchors, or with too few vertices about them."""
         require_capacity(FrameAnchors(animation, jobs), self.parameters)
 
-    def plan(self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1) -> SurfacePlan:
+    def plan(
+        self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1, **_: Any
+    ) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
         return plan_animation(animation, words, self.parameters, jobs)
 
