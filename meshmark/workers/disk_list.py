@@ -12,7 +12,7 @@ from meshmark.files.temporary import no_room
 
 Thing = TypeVar("Thing")
 
-# What is small stays in memory.
+# Up to here all is kept in memory, and there is no file.
 ROOM = 1 << 22  # bytes
 
 
@@ -21,15 +21,10 @@ class DiskList(Generic[Thing]):
 
     The file has no name, and is gone with the list or its process. It has one place to read and
     write at: not for several threads at a time.
-
-    Parameters
-    ----------
-    room : int, optional
-        Bytes up to which all is kept in memory, and there is no file; `ROOM` by default.
     """
 
-    def __init__(self, room: int | None = None) -> None:
-        file = tempfile.SpooledTemporaryFile(max_size=ROOM if room is None else room)  # noqa: SIM115
+    def __init__(self) -> None:
+        file = tempfile.SpooledTemporaryFile(max_size=ROOM)  # noqa: SIM115
         self._file = file
         weakref.finalize(self, file.close)
         self._begins = [0]

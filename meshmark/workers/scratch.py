@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError
-from meshmark.files.temporary import TemporaryFolder, no_room, shared_folder
+from meshmark.files.temporary import ScratchFolder, no_room
 from meshmark.mesh.animation import Frame, FrameSource
 
 SINGLE, DOUBLE = "<f4", "<f8"
@@ -55,7 +54,7 @@ class ScratchFile:
     path: Path
     n_points: int
     dtype: str = SINGLE
-    _owner: object = field(default=None, compare=False, repr=False)
+    _folder: ScratchFolder | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def create(cls, n_frames: int, n_points: int, dtype: str = SINGLE) -> ScratchFile:
@@ -73,20 +72,13 @@ class ScratchFile:
         OutputError
             If there is no room for it: better now than after hours of work.
         """
+        folder = ScratchFolder()
+        scratch = cls(folder.path / "displacements", n_points, dtype, folder)
         try:
-            within = shared_folder()
-            handle, name = tempfile.mkstemp(suffix=".scratch", dir=within.path)
-        except OSError as error:
-            raise OutputError(no_room(error)) from None
-        path, owner = Path(name), _Owner(within)
-        weakref.finalize(owner, path.unlink, missing_ok=True)
-        scratch = cls(path, n_points, dtype, owner)
-        try:
-            _reserve(handle, n_frames * scratch._stride)
+            with scratch.path.open("xb") as file:
+                _reserve(file.fileno(), n_frames * scratch._stride)
         except OSError as error:
             raise OutputError(no_room(error), source=tempfile.gettempdir()) from None
-        finally:
-            os.close(handle)
         return scratch
 
     def write(self, index: int, displacement: FloatArray) -> None:
@@ -109,13 +101,6 @@ class ScratchFile:
 
     def __reduce__(self) -> tuple[object, ...]:
         return (ScratchFile, (self.path, self.n_points, self.dtype))
-
-
-@dataclass(eq=False)
-class _Owner:
-    """Something a finalizer can be tied to, and the folder that is needed until then."""
-
-    within: TemporaryFolder
 
 
 def _reserve(handle: int, size: int) -> None:

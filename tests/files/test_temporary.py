@@ -123,7 +123,7 @@ def test_a_fork_does_not_remove_what_its_parent_needs(place) -> None:
 
 def test_one_folder_serves_all_and_goes_with_the_last(place) -> None:
     scratch, folder = ScratchFile.create(2, 3), ScratchFolder()
-    assert scratch.path.parent == folder.path.parent == shared_folder().path
+    assert scratch.path.parent.parent == folder.path.parent == shared_folder().path
     assert len(list(place.iterdir())) == 1
     folder.remove()
     assert scratch.path.exists()

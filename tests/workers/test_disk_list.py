@@ -11,8 +11,9 @@ from meshmark.workers.disk_list import DiskList
 
 
 @pytest.mark.parametrize("room", [1, 1 << 20], ids=["on disk", "in memory"])
-def test_things_come_back_by_their_numbers(room) -> None:
-    disk_list: DiskList[np.ndarray | None] = DiskList(room)
+def test_things_come_back_by_their_numbers(monkeypatch, room) -> None:
+    monkeypatch.setattr("meshmark.workers.disk_list.ROOM", room)
+    disk_list: DiskList[np.ndarray | None] = DiskList()
     things = [np.arange(n) for n in range(40)]
     assert [disk_list.add(thing) for thing in things] == list(range(40))
     assert disk_list.add(None) == 40
@@ -26,7 +27,7 @@ def test_things_come_back_by_their_numbers(room) -> None:
 
 
 def test_a_full_disk_is_told_of(monkeypatch) -> None:
-    disk_list: DiskList[bytes] = DiskList(1)
+    disk_list: DiskList[bytes] = DiskList()
 
     def refuse(*args, **kwargs):
         raise OSError(28, "No space left on device")
