@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.statistics.word_windows import WordPosterior
+
+if TYPE_CHECKING:
+    # It needs scipy.optimize, which takes a process that only reads half of its start.
+    from meshmark.statistics.word_windows import WordPosterior
 
 
 @dataclass(frozen=True, eq=False)

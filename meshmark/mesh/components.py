@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, normalized
-from meshmark.mesh.topology import boundary_edges, edges
+from meshmark.mesh.topology import boundary_edges, edges, graph_components
 
 # Triangles about one edge among which the straightest way on is looked for.
 MOST_ABOUT_EDGE = 8
@@ -35,19 +33,14 @@ def surface_components(V: FloatArray, F: IntArray) -> IntArray:
         Triangles.
     """
     about = _about_edges(F)
-    patch = _connected(about.pop(2).face, len(F)) if 2 in about else np.arange(len(F))
+    patch = graph_components(about.pop(2).face, len(F)) if 2 in about else np.arange(len(F))
     links = [_links(V, sides, patch) for sides in about.values()]
     if links:
-        patch = _connected(np.concatenate(links), int(patch.max()) + 1)[patch]
+        patch = graph_components(np.concatenate(links), int(patch.max()) + 1)[patch]
     _, first, label = np.unique(patch, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first, kind="stable")] = np.arange(len(first))
     return rank[label]
-
-
-def _connected(pairs: IntArray, n: int) -> IntArray:
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +155,6 @@ def seams(V: FloatArray, F: IntArray) -> IntArray:
 
 def sewn(n_points: int, pairs: IntArray) -> IntArray:
     """Name for every point the first of those it is sewn to, itself included, (N,) int."""
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n_points,) * 2)
-    label = connected_components(graph, directed=False)[1]
+    label = graph_components(pairs, n_points)
     _, first = np.unique(label, return_index=True)
     return first[label].astype(np.int64)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
+
+if TYPE_CHECKING:
+    # scipy is imported where it is needed: who only reads a mesh has read it in less time.
+    from scipy.sparse import csr_matrix
 
 
 def triangulate(counts: IntArray, indices: IntArray) -> IntArray:
@@ -119,15 +122,34 @@ def any_corner(vertices: NDArray[np.bool_], F: IntArray) -> NDArray[np.bool_]:
 
 def vertex_adjacency(F: IntArray, n_points: int) -> csr_matrix:
     """Build the symmetric one-ring matrix, (N, N) sparse, 1.0 where two vertices share an edge."""
+    from scipy.sparse import csr_matrix
+
     E = edges(F)
     i = np.concatenate([E[:, 0], E[:, 1]])
     j = np.concatenate([E[:, 1], E[:, 0]])
     return csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
 
 
+def graph_components(pairs: IntArray, n: int) -> IntArray:
+    """Label the connected components of a graph, (n,) int, in the order of their first nodes.
+
+    Parameters
+    ----------
+    pairs : (A, 2) int
+        Nodes joined by an arc.
+    n : int
+        Number of nodes; one without arcs is a component of its own.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
 def vertex_components(F: IntArray, n_points: int) -> IntArray:
     """Label the connected components of the vertices, (N,) int; an unused vertex is its own."""
-    return connected_components(vertex_adjacency(F, n_points), directed=False)[1].astype(np.int64)
+    return graph_components(edges(F), n_points)
 
 
 def face_components(F: IntArray, labels: IntArray | None = None) -> IntArray:
@@ -143,8 +165,7 @@ def face_components(F: IntArray, labels: IntArray | None = None) -> IntArray:
     pairs, _ = face_adjacency(F)
     if labels is not None:
         pairs = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(F), len(F)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return graph_components(pairs, len(F))
 
 
 def weld(V: FloatArray, F: IntArray) -> tuple[FloatArray, IntArray, IntArray]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
+from meshmark.mesh.topology import graph_components
 from meshmark_plugins.geodesics.components import ComponentwiseSolver, OneSource
 
 
@@ -84,8 +83,7 @@ def _require_manifold(F: IntArray) -> None:
     paired = inverse.reshape(-1)[order]
     twin = np.flatnonzero(paired[1:] == paired[:-1])
     one, two = ends[order[twin]].reshape(-1), ends[order[twin + 1]].reshape(-1)
-    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(F.size, F.size))
-    fan = connected_components(graph, directed=False)[1]
+    fan = graph_components(np.stack([one, two], axis=1), F.size)
     pinched = np.unique(np.stack([flat, fan], axis=1), axis=0)[:, 0]
     twice = pinched[1:][pinched[1:] == pinched[:-1]]
     if len(twice):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.topology import face_components
+from meshmark.mesh.topology import face_components, graph_components
 from meshmark_plugins.segmenters.sdf.dual import DualGraph
 
 
@@ -68,8 +66,7 @@ def _merge_small(region: IntArray, labels: IntArray, dual: DualGraph, min_area: 
         part_label[joining] = shared[joining].argmax(axis=1)
         label = part_label[part]
         equal = label[i] == label[j]
-        graph = coo_matrix((np.ones(equal.sum()), (i[equal], j[equal])), shape=(n, n))
-        part = connected_components(graph, directed=False)[1].astype(np.int64)
+        part = graph_components(np.stack([i[equal], j[equal]], axis=1), n)
 
 
 def _joining(area: FloatArray, a: IntArray, b: IntArray, min_area: float) -> NDArray[np.bool_]:
