@@ -15,7 +15,7 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.topology import Topology
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
-from meshmark_plugins.schemes.tsai2014.parts import smallest_loop, split
+from meshmark_plugins.schemes.tsai2014.parts import labelled_parts, smallest_loop
 
 KEY = Key(bytes(range(32)))
 
@@ -75,7 +75,7 @@ def test_the_smallest_loop_is_taken() -> None:
 def test_parts_of_a_tube() -> None:
     _, F = tube()
     row = np.tile(np.arange(119).repeat(24), 2)
-    parts = split(F, (row >= 40).astype(np.int64) + (row >= 80), 64)
+    parts = labelled_parts(F, (row >= 40).astype(np.int64) + (row >= 80), 64)
     assert len(parts) == 3
     assert [len(part.loop) for part in parts] == [24, 24, 24]
     # The middle part has two cuts of equal size; the two rings beside a cut are fixed too.
@@ -86,9 +86,9 @@ def test_parts_of_a_tube() -> None:
 
 def test_uncut_components_and_small_parts_are_left_out() -> None:
     V, F = tube()
-    assert split(F, np.zeros(len(F), dtype=np.int64), 64) == ()
+    assert labelled_parts(F, np.zeros(len(F), dtype=np.int64), 64) == ()
     labels = (V[F].mean(axis=1)[:, 2] > 9.9).astype(np.int64)
-    assert len(split(F, labels, 64)) == 1
+    assert len(labelled_parts(F, labels, 64)) == 1
 
 
 def test_sets_are_upper_closed_and_the_farthest_vertex_is_in_the_last(tube_frame) -> None:
@@ -117,12 +117,12 @@ def test_chips_are_zero_at_the_centre_of_a_set() -> None:
 
 
 def test_the_set_in_which_distances_begin_is_an_erasure_unless_it_is_filled() -> None:
-    from meshmark_plugins.schemes.tsai2014.scheme import _truncated
+    from meshmark_plugins.schemes.tsai2014.scheme import _truncated_set
 
-    assert _truncated(np.array([2.5, 2.9, 3.5, 15.0])) == 2
-    assert _truncated(np.array([2.1, 2.9, 3.5, 15.0])) == -1
+    assert _truncated_set(np.array([2.5, 2.9, 3.5, 15.0])) == 2
+    assert _truncated_set(np.array([2.1, 2.9, 3.5, 15.0])) == -1
     # A distance of exactly 3 is the upper end of set 2, and alone there.
-    assert _truncated(np.array([3.0, 3.1])) == 2
+    assert _truncated_set(np.array([3.0, 3.1])) == 2
 
 
 def test_neighbours_uphill_and_downhill() -> None:

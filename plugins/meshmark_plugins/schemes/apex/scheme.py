@@ -134,7 +134,7 @@ class Apex:
 
 @lru_cache(maxsize=8)
 def _reference_root_area(frame: Frame) -> float:
-    """Root area of the largest component of a frame; asked for again and again."""
+    """Root area of the largest component of a frame; cached, as many frames share one."""
     return reference_root_area(frame.points, frame.faces)
 
 

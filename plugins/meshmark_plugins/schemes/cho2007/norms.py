@@ -10,12 +10,12 @@ from meshmark.arrays import FloatArray
 from meshmark.extension.carrier import Carrier
 
 # A bin narrower than this share of the largest norm holds one vertex, or rounding errors.
-NARROWEST = 1e-9
+MIN_BIN_WIDTH = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class NormBins(Carrier):
-    """All vertices of a frame, binned by norm; place 0 and 1 are the bin's own extremes.
+    """All vertices of a frame, binned by norm; fractions 0 and 1 are the bin's own extremes.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ def bin_norms(V: FloatArray, n_bins: int) -> NormBins:
     lower, upper = np.full(n_bins, np.inf), np.full(n_bins, -np.inf)
     np.minimum.at(lower, bins, norm)
     np.maximum.at(upper, bins, norm)
-    holds = upper - lower > NARROWEST * high
+    holds = upper - lower > MIN_BIN_WIDTH * high
     lower, width = np.where(holds, lower, 0.0), np.where(holds, upper - lower, 0.0)
     inside = holds[bins]
-    place = np.divide(norm - lower[bins], width[bins], out=np.zeros(len(norm)), where=inside)
+    fraction = np.divide(norm - lower[bins], width[bins], out=np.zeros(len(norm)), where=inside)
     return NormBins(
         vertices=np.arange(len(V)),
         bins=np.where(inside, bins, -1),
-        bin_fraction=place,
+        bin_fraction=fraction,
         n_bins=n_bins,
         descriptor=np.array([low, high]) / norm.mean(),
         centre=centre,

@@ -7,8 +7,8 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 
 # k from 1/256 to 256: beyond, every number but 0 and 1 is as good as at an end.
-WIDEST = np.log(256.0)
-HALVINGS = 50
+MAX_LOG_EXPONENT = np.log(256.0)
+BISECTION_STEPS = 50
 
 
 def exponents(u: FloatArray, bins: IntArray, target: FloatArray) -> FloatArray:
@@ -38,8 +38,8 @@ def exponents(u: FloatArray, bins: IntArray, target: FloatArray) -> FloatArray:
     count = np.maximum(np.bincount(bins, minlength=K), 1)
     with np.errstate(divide="ignore"):
         log_u = np.log(u)
-    low, high = np.full(K, -WIDEST), np.full(K, WIDEST)
-    for _ in range(HALVINGS):
+    low, high = np.full(K, -MAX_LOG_EXPONENT), np.full(K, MAX_LOG_EXPONENT)
+    for _ in range(BISECTION_STEPS):
         middle = (low + high) / 2.0
         mean = np.bincount(bins, np.exp(np.exp(middle)[bins] * log_u), K) / count
         too_high = mean > target

@@ -17,9 +17,9 @@ from meshmark_plugins.schemes.cho2007.power import exponents
 
 WHAT = "scheme cho2007"
 # Fewer vertices than this many a bin, on average, and the bins' means are mostly chance.
-FEWEST_PER_BIN = 4
+MIN_VERTICES_PER_BIN = 4
 # Norms that differ by less, as a share of the largest, differ by float32 rounding.
-LEAST_SPREAD = 1e-6
+MIN_NORM_SPREAD = 1e-6
 
 
 class Cho2007:
@@ -66,14 +66,14 @@ class Cho2007:
         CapacityError
             If it has too few vertices, or all equally far from their centre.
         """
-        fewest = FEWEST_PER_BIN * self.n_chips
+        fewest = MIN_VERTICES_PER_BIN * self.n_chips
         if len(frame.points) < fewest:
             raise CapacityError(
                 f"{len(frame.points)} points cannot hold {self.n_chips} bits; "
                 f"it takes at least {fewest}"
             )
         norm = bin_norms(frame.points, self.n_chips).norm
-        if np.ptp(norm) <= LEAST_SPREAD * norm.max():
+        if np.ptp(norm) <= MIN_NORM_SPREAD * norm.max():
             raise CapacityError("all points are equally far from their centre of gravity")
 
     def carriers(self, frame: Frame, layout: None) -> list[NormBins]:

@@ -11,7 +11,7 @@ from meshmark.mesh.flip_guard import face_normals
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class EdgeSlopes:
     """The neighbour each vertex would move towards, and what a whole edge would change.
 
     Parameters
@@ -26,7 +26,7 @@ class Slopes:
     gain: FloatArray
 
 
-def extreme_neighbours(d: FloatArray, E: IntArray, upward: BoolArray) -> Slopes:
+def extreme_neighbours(d: FloatArray, E: IntArray, upward: BoolArray) -> EdgeSlopes:
     """Find each vertex's one-ring neighbour with the longest (or the shortest) distance.
 
     Parameters
@@ -49,7 +49,7 @@ def extreme_neighbours(d: FloatArray, E: IntArray, upward: BoolArray) -> Slopes:
     rising = chosen[gain[chosen] > 0.0]
     neighbour[start[rising]] = end[rising]
     best[start[rising]] = gain[rising]
-    return Slopes(neighbour, best)
+    return EdgeSlopes(neighbour, best)
 
 
 def share_out(
@@ -71,7 +71,7 @@ def share_out(
     available : (n,) float64
         Largest change each vertex can give.
     turn : (n,) float64
-        Whose turn it is: within a bin, the lowest comes first.
+        Order of the picks: within a bin, the lowest comes first.
     picks : int
         How often a vertex is picked until it has given all it can.
 
@@ -112,14 +112,14 @@ def steepness(V: FloatArray, F: IntArray, neighbour: IntArray) -> FloatArray:
     (n,) float64
         Largest |sine| between the move and the planes of the faces at the vertex.
     """
-    normals = _unit(face_normals(V, F))
-    direction = _unit(V[neighbour] - V)
+    normals = _normalized(face_normals(V, F))
+    direction = _normalized(V[neighbour] - V)
     steep = np.zeros(len(V))
     for corner in F.T:
         np.maximum.at(steep, corner, np.abs(np.einsum("ij,ij->i", normals, direction[corner])))
     return steep
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _normalized(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

@@ -17,7 +17,7 @@ from meshmark.mesh.topology import edges, face_adjacency
 FIXED_RINGS = 2
 # Distances from every vertex of a part's cut to all of its vertices that are still computed: a
 # cut of a hundred vertices or two is usual, one of thousands is made to take for ever.
-MOST_DISTANCES = 50_000_000
+MAX_DISTANCES = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Part:
     fixed: BoolArray
 
 
-def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
+def labelled_parts(F: IntArray, labels: IntArray, min_vertices: int) -> tuple[Part, ...]:
     """Split a labelled mesh into the parts that can carry a mark.
 
     Parameters
@@ -57,9 +57,9 @@ def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
         Triangles.
     labels : (F,) int
         Part of each triangle.
-    fewest : int
+    min_vertices : int
         Parts with fewer vertices inside are left out, as are parts without a cut, and those whose
-        cut has so many vertices that more than `MOST_DISTANCES` would have to be computed.
+        cut has so many vertices that more than `MAX_DISTANCES` would have to be computed.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def split(F: IntArray, labels: IntArray, fewest: int) -> tuple[Part, ...]:
             continue
         part = _part(F[labels == label], shared[touching])
         distances = len(part.loop) * len(part.vertices)
-        if np.count_nonzero(part.inside) >= fewest and distances <= MOST_DISTANCES:
+        if np.count_nonzero(part.inside) >= min_vertices and distances <= MAX_DISTANCES:
             parts.append(part)
     return tuple(parts)
 
@@ -94,11 +94,11 @@ def _part(F: IntArray, cut: IntArray) -> Part:
         edges=own_edges,
         loop=smallest_loop(cut),
         inside=~on_cut,
-        fixed=widened(on_cut, own_edges, FIXED_RINGS),
+        fixed=dilated(on_cut, own_edges, FIXED_RINGS),
     )
 
 
-def widened(chosen: BoolArray, E: IntArray, rings: int) -> BoolArray:
+def dilated(chosen: BoolArray, E: IntArray, rings: int) -> BoolArray:
     """Add to some vertices those within `rings` edges of them, (n,) bool."""
     wide = chosen.copy()
     for _ in range(rings):

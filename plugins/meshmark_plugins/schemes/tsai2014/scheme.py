@@ -8,27 +8,26 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import Carrier
 from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame
 from meshmark_plugins.schemes.tsai2014.moves import extreme_neighbours, share_out, steepness
-from meshmark_plugins.schemes.tsai2014.parts import Part, split
+from meshmark_plugins.schemes.tsai2014.parts import Part, labelled_parts
 
 PROPAGATIONS = ("adapt", "delta")
 # Fewer vertices than this many a set, on average, and the sets' means are mostly chance.
-FEWEST_PER_BIN = 4
+MIN_VERTICES_PER_SET = 4
 # How near to its bin's end a move may take a vertex, in bins: past it, the vertex would leave
 # the set it was to push, and join the next.
 BIN_MARGIN = 0.02
-# A set whose lowest vertex lies above this place is an erasure.
-TRUNCATION = 0.2
-# By how much a move that leaves the surface at a right angle is put off, in places of the
-# random order; measured on a horse: 4 lowers MRMS by a tenth, 20 by little more.
-FLAT_FIRST = 4.0
+# A set whose lowest vertex lies above this fraction of the set is an erasure.
+TRUNCATED_FRACTION = 0.2
+# By how much a move that leaves the surface at a right angle is put off, in lengths of the random
+# order; measured on a horse: 4 lowers MRMS by a tenth, 20 by little more.
+STEEPNESS_DELAY = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +94,12 @@ class Tsai2014:
         picks: int = 10,
         step: float = 0.3,
     ) -> None:
-        _within("bits", bits, 2, 256)
-        _within("words", words, 1, 12)
-        _within("strength", strength, 1e-3, 0.49)
-        _within("step", step, 1e-3, 0.5)
-        _within("picks", picks, 1, 100)
-        _within("rehearsal", rehearsal, 0, 100)
+        _require_within("bits", bits, 2, 256)
+        _require_within("words", words, 1, 12)
+        _require_within("strength", strength, 1e-3, 0.49)
+        _require_within("step", step, 1e-3, 0.5)
+        _require_within("picks", picks, 1, 100)
+        _require_within("rehearsal", rehearsal, 0, 100)
         if propagate not in PROPAGATIONS:
             raise UsageError(
                 f"propagate must be one of {', '.join(PROPAGATIONS)}, not {propagate!r}"
@@ -114,25 +113,27 @@ class Tsai2014:
         self.rehearsal = rehearsal
         self.picks = picks
         self.step = step
-        self._known: WeakKeyDictionary[Part, tuple[FloatArray, FloatArray]] = WeakKeyDictionary()
+        self._distance_cache: WeakKeyDictionary[Part, tuple[FloatArray, FloatArray]] = (
+            WeakKeyDictionary()
+        )
 
     def __getstate__(self) -> dict[str, Any]:
-        # What is remembered stays in the process that measured it.
-        return {name: value for name, value in vars(self).items() if name != "_known"}
+        # The cache stays in the process that filled it.
+        return {name: value for name, value in vars(self).items() if name != "_distance_cache"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _known=WeakKeyDictionary())
+        vars(self).update(state, _distance_cache=WeakKeyDictionary())
 
     def layout(self, frame: Frame) -> tuple[Part, ...]:
         """Segment a frame and return the parts that can carry a mark."""
         labels = self.segmenter.segment(frame.points, frame.faces)
-        parts = split(frame.faces, labels, FEWEST_PER_BIN * self.n_chips)
+        parts = labelled_parts(frame.faces, labels, MIN_VERTICES_PER_SET * self.n_chips)
         if not parts:
             count = len(np.unique(labels))
             raise CapacityError(
                 f"no part can hold {self.n_chips} bits: {len(frame.points)} points in {count} "
                 f"part{'s' if count != 1 else ''}; a part needs a cut to another one and at "
-                f"least {FEWEST_PER_BIN * self.n_chips} points"
+                f"least {MIN_VERTICES_PER_SET * self.n_chips} points"
             )
         return parts
 
@@ -151,7 +152,7 @@ class Tsai2014:
         if d_max > 0.0:
             x = np.where(np.isfinite(d), d, 0.0) * (self.n_chips / d_max)
             bins = np.where(usable, np.clip(np.ceil(x), 1, self.n_chips).astype(np.int64) - 1, -1)
-            bins[bins == _truncated(x[usable])] = -1
+            bins[bins == _truncated_set(x[usable])] = -1
         area = _area(V, part.faces)
         return PartDistances(
             vertices=part.vertices,
@@ -163,15 +164,15 @@ class Tsai2014:
         )
 
     def _mean_distance(self, part: Part, V: FloatArray) -> FloatArray:
-        """Mean distance of a part's vertices to its loop, (n,); the last answer is remembered.
+        """Mean distance of a part's vertices to its loop, (n,); the last result is cached.
 
         The closed loop asks again after every round, when most parts have long stopped moving.
         """
-        known = self._known.get(part)
-        if known is not None and np.array_equal(V, known[0]):
-            return known[1]
+        cached = self._distance_cache.get(part)
+        if cached is not None and np.array_equal(V, cached[0]):
+            return cached[1]
         d: FloatArray = self.solver(V, part.faces).distances(part.loop).mean(axis=0)
-        self._known[part] = (V, d)
+        self._distance_cache[part] = (V, d)
         return d
 
     def move(
@@ -209,9 +210,9 @@ class Tsai2014:
         V = points[part.vertices]
         # At random, but flat places before curved ones, where leaving the surface shows.
         turn = rank[part.vertices] / len(rank)
-        turn += FLAT_FIRST * steepness(V, part.faces, slopes.neighbour)
+        turn += STEEPNESS_DELAY * steepness(V, part.faces, slopes.neighbour)
         taken = share_out(np.abs(shift) * count, bins, available, turn, self.picks)
-        return _along(V, slopes.neighbour, taken, slopes.gain)
+        return _moves_along(V, slopes.neighbour, taken, slopes.gain)
 
     def carry(
         self,
@@ -231,25 +232,25 @@ class Tsai2014:
             delta = np.where(bins >= 0, np.abs(new.distance - old.distance), 0.0)
             slopes = extreme_neighbours(here.distance, part.edges, word[bins] > 0)
             taken = np.minimum(delta, self.step * slopes.gain)
-            points[part.vertices] += _along(
+            points[part.vertices] += _moves_along(
                 points[part.vertices], slopes.neighbour, taken, slopes.gain
             )
         return points
 
 
-def _truncated(x: FloatArray) -> int:
-    """Return the set the smallest distance lies well inside of, -1 if there is none.
+def _truncated_set(x: FloatArray) -> int:
+    """Find the set that the smallest distance lies well inside of, -1 if there is none.
 
     A mean over a loop is never 0: the set in which distances begin is filled from its upper
     end only. Its mean lies high whatever bit it is to hold, and so it can hold none.
     """
     lowest = float(x.min())
     first = int(np.ceil(lowest)) - 1
-    return first if lowest - first > TRUNCATION else -1
+    return first if lowest - first > TRUNCATED_FRACTION else -1
 
 
-def _movable(part: Part, carrier: PartDistances) -> NDArray[np.bool_]:
-    """All but the vertices on a cut, the one that makes d_max, and its one-ring."""
+def _movable(part: Part, carrier: PartDistances) -> BoolArray:
+    """Select all vertices but those on a cut, the one that makes d_max, and its one-ring."""
     movable = ~part.fixed
     farthest = int(np.argmax(np.where(carrier.bins >= 0, carrier.distance, -np.inf)))
     ring = part.edges[np.any(part.edges == farthest, axis=1)]
@@ -257,7 +258,9 @@ def _movable(part: Part, carrier: PartDistances) -> NDArray[np.bool_]:
     return movable
 
 
-def _along(V: FloatArray, neighbour: IntArray, taken: FloatArray, gain: FloatArray) -> FloatArray:
+def _moves_along(
+    V: FloatArray, neighbour: IntArray, taken: FloatArray, gain: FloatArray
+) -> FloatArray:
     share = np.divide(taken, gain, out=np.zeros_like(taken), where=gain > 0.0)
     return share[:, None] * (V[neighbour] - V)
 
@@ -267,6 +270,6 @@ def _area(V: FloatArray, F: IntArray) -> float:
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def _within(name: str, value: Any, low: float, high: float) -> None:
+def _require_within(name: str, value: Any, low: float, high: float) -> None:
     if not isinstance(value, int | float) or not low <= value <= high:
         raise UsageError(f"{name} must be between {low:g} and {high:g}, not {value!r}")

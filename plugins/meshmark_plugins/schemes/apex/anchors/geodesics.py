@@ -34,7 +34,7 @@ class GeodesicDistances:
     Attributes
     ----------
     root_area : float
-        Square root of the surface's area, the unit of all distances.
+        Square root of the surface's area, in which all distances are given.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""From the vertices about an anchor to chips of evidence."""
+"""From the vertices about an anchor to chips, and the soft evidence made of them."""

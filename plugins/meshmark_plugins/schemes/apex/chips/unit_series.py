@@ -17,7 +17,7 @@ STEPS_PER_DECADE = 12
 # Only members whose numbers leave one residue modulo this are units of a mesh's components, so
 # that one guess, of the residue, does for all of them.
 SERIES_PERIOD = 4
-# How far the unit of a component may be from its root area at least, in steps: below it.
+# Lowest the unit of a component may be, in steps from its root area.
 LOWEST_STEP = -1.0
 
 

@@ -1,1 +1,1 @@
-"""From the words of a key to places of vertices."""
+"""From the words of a key to marked positions of vertices."""

@@ -55,7 +55,7 @@ def chip_jacobian(
     Parameters
     ----------
     field : Neighbourhood
-        A piece of m anchors.
+        A component of m anchors.
     directions : (m, n, 3) float64
         Directions in which the distance from each anchor grows, in the coordinates of the moves.
     weights : (n,) float64
