@@ -1,0 +1,385 @@
+"""Draws the pictures of docs/concepts.md from the demonstration's creature and real keys.
+
+    python benchmarks/concept_figures.py [-o FOLDER]
+
+Every figure is measured: the mark as `embed` makes it, words as keys derive them, evidence as
+`verify` measures it on one frame.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
+
+from apex_figures import BALL, SIZE, Subject, framed, linear, picture, save, show, subject_of
+from measuring import REPOSITORY
+from meshmark import Key
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import gather
+from meshmark.detection.verdict import decide, shares
+from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import make_attack
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import edges
+from meshmark.statistics.p_values import word_log_e_means
+from render import CLAY, View
+
+# The key the creature is marked with, and another; both are public, for pictures only.
+KEY, OTHER_KEY = Key(bytes(range(32))), Key(bytes(range(32, 64)))
+RECIPIENTS = ("acme", "globex")
+N_KEYS = 1000
+LIMIT = 6  # decades: one in a million
+MINUS, PLUS = "#e08a1e", "#2c6fbb"
+DARK, GREY, RED = "0.25", "0.72", "#c0392b"
+SIGNS = ListedColormap([MINUS, PLUS])
+WIDTH = 10.4  # inches
+# Width of the close-up of the mark, in root areas.
+CLOSE_UP = 0.16
+
+
+@dataclass(frozen=True, eq=False)
+class Copies:
+    """The first frame of the creature, unmarked and marked, and what blind detection measures."""
+
+    subject: Subject
+    frame: Frame
+    marked: Frame
+
+    @classmethod
+    def of(cls, subject: Subject) -> Copies:
+        frame = subject.animation[0]
+        return cls(subject, frame, Frame(frame.time, subject.marked[0], frame.topology))
+
+    def words(self, key: Key, recipient: str | None = None) -> IntArray:
+        """Words of the anchors that are marked, (C, K)."""
+        scheme = self.subject.scheme
+        words = key.words("apex", scheme.n_words, scheme.n_chips, recipient)
+        return words[self.subject.layout.words]
+
+    def view(self) -> View:
+        return framed(self.subject, self.frame.points)
+
+
+def evidence_of(frame: Frame) -> list[Evidence]:
+    """Measure a frame by itself, as a leaked copy would be."""
+    animation = MeshAnimation.from_frames([frame])
+    return list(gather(animation, recipes=[Recipe("apex")], restored=False).items)
+
+
+def draw_mark(copies: Copies, path: Path) -> None:
+    """Draw how far points moved, and both versions of a piece of the mesh over each other."""
+    P, X, F = copies.frame.points, copies.marked.points, copies.frame.faces
+    view, size = copies.view(), float(np.linalg.norm(np.ptp(P, axis=0)))
+    move = 100.0 * np.linalg.norm(X - P, axis=1) / size
+    norm, cmap = Normalize(0.0, float(np.percentile(move, 99.0))), plt.cm.magma_r
+    image = picture(
+        P, F, move[:, None], lambda v: linear(cmap(norm(v[:, 0]))), view, np.empty((0, 3)), 0.0
+    )
+    figure, axes = plt.subplots(
+        1, 2, figsize=(WIDTH, 3.9), width_ratios=(1.62, 1.0), layout="constrained"
+    )
+    show(axes[0], image, "how far each point moved")
+    bar = figure.colorbar(
+        ScalarMappable(norm, cmap), ax=axes[0], location="bottom", shrink=0.7, aspect=40, pad=0.02
+    )
+    bar.set_label("% of the creature's size", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    centre = close_up_centre(copies, move, view)
+    mark_square(axes[0], P[centre], view, copies)
+    draw_close_up(axes[1], copies, centre, view)
+    save(figure, path, tight=False)
+
+
+def half_width(copies: Copies) -> float:
+    """Half the width of the close-up, in the unit of the points."""
+    P, F = copies.frame.points, copies.frame.faces
+    normals = np.cross(P[F[:, 1]] - P[F[:, 0]], P[F[:, 2]] - P[F[:, 0]])
+    return CLOSE_UP / 2.0 * float(np.sqrt(np.linalg.norm(normals, axis=1).sum() / 2.0))
+
+
+def close_up_centre(copies: Copies, move: FloatArray, view: View) -> int:
+    """Choose the point about which the mark moved points most, among those seen from the front."""
+    P, half = copies.frame.points, half_width(copies)
+    seen = P @ view.axes().T
+    front = facing(copies, view) > 0.9
+    mean = np.full(len(P), -1.0)
+    for v in np.flatnonzero(front):
+        near = np.linalg.norm(P - P[v], axis=1) < half
+        mean[v] = move[near].mean() if front[near].all() else -1.0
+    assert np.isfinite(seen).all()
+    return int(mean.argmax())
+
+
+def facing(copies: Copies, view: View) -> FloatArray:
+    """Cosine between the normals at the points and the direction towards the eye, (N,)."""
+    P, F = copies.frame.points, copies.frame.faces
+    area = np.cross(P[F[:, 1]] - P[F[:, 0]], P[F[:, 2]] - P[F[:, 0]])
+    normals = np.zeros_like(P)
+    np.add.at(normals, F.reshape(-1), np.repeat(area, 3, axis=0))
+    return (normals @ view.axes()[2]) / np.linalg.norm(normals, axis=1)
+
+
+def mark_square(ax, centre: FloatArray, view: View, copies: Copies) -> None:
+    scale = SIZE[0] / view.span
+    x, y = np.array(SIZE) / 2.0 + (view.axes()[:2] @ (centre - view.center)) * [1, -1] * scale
+    half = half_width(copies) * scale
+    ax.add_patch(plt.Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, ec=RED, lw=2))
+
+
+def draw_close_up(ax, copies: Copies, centre: int, view: View) -> None:
+    P, X, half = copies.frame.points, copies.marked.points, half_width(copies)
+    E = quad_edges(copies.frame)
+    flat, moved = ((V - P[centre]) @ view.axes()[:2].T for V in (P, X))
+    near = (np.abs(flat) < 1.3 * half).all(axis=1) & (facing(copies, view) > 0.2)
+    E = E[near[E].all(axis=1)]
+    for points, colour, width in ((flat, "0.6", 1.0), (moved, RED, 1.3)):
+        ax.add_collection(LineCollection(points[E], colors=colour, linewidths=width))
+    ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
+    ax.set_title("close-up: original grey, marked red", fontsize=10)
+    for spine in ax.spines.values():
+        spine.set(color=RED, linewidth=2)
+
+
+def quad_edges(frame: Frame) -> IntArray:
+    """Edges of the polygons, without the diagonals that analysis adds."""
+    counts, corners = frame.topology.counts, frame.topology.indices
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    following = np.arange(len(corners)) + 1
+    following[first + counts - 1] = first
+    return np.unique(np.sort(np.stack([corners, corners[following]], axis=1), axis=1), axis=0)
+
+
+def draw_key(copies: Copies, path: Path) -> None:
+    """Draw the words of two keys."""
+    mine, other = copies.words(KEY), copies.words(OTHER_KEY)
+    same = int((mine == other).sum())
+    figure, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.0), layout="constrained", sharey=True)
+    for ax, words, title in (
+        (axes[0], mine, "your key"),
+        (axes[1], other, f"another key: {same} of {mine.size} signs agree, by chance"),
+    ):
+        show_words(ax, words)
+        ax.set_title(title, fontsize=10)
+        ax.set_xlabel("sign in the word", fontsize=9)
+    axes[0].set_yticks(range(len(mine)), [f"word {c + 1}" for c in range(len(mine))])
+    legend_of_signs(figure)
+    save(figure, path, tight=False)
+
+
+def show_words(ax, words: IntArray) -> None:
+    ax.pcolormesh(words, cmap=SIGNS, vmin=-1, vmax=1, edgecolors="white", linewidth=1.5)
+    ax.set(ylim=(len(words), 0), aspect="equal")
+    ax.set_xticks(np.arange(words.shape[1]) + 0.5, np.arange(words.shape[1]) + 1)
+    ax.set_yticks(np.arange(len(words)) + 0.5)
+    ax.tick_params(length=0, labelsize=8)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def legend_of_signs(figure) -> None:
+    handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in (PLUS, MINUS)]
+    figure.legend(
+        handles,
+        ["+: points lean away from the tip", "\N{MINUS SIGN}: points lean towards the tip"],
+        ncol=2,
+        fontsize=9,
+        frameon=False,
+        loc="outside lower center",
+    )
+
+
+def draw_recipients(copies: Copies, path: Path) -> None:
+    """Draw what the words of two recipients ask of every ring about every tip."""
+    figure, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.9), layout="constrained")
+    for ax, name in zip(axes, RECIPIENTS, strict=True):
+        show(ax, rings(copies, copies.words(KEY, name)), f'the copy for "{name}"')
+    legend_of_signs(figure)
+    save(figure, path, tight=False)
+
+
+def rings(copies: Copies, signs: FloatArray, only: int | None = None):
+    """Render the creature with the rings about its tips in the colours of signs (C, K)."""
+    P, F, layout = copies.frame.points, copies.frame.faces, copies.subject.layout
+    H, *_ = copies.subject.distances(P, F)
+    width = copies.subject.scheme.tuning.width
+    reach = np.where(np.isfinite(H), H, 10.0)
+    if only is not None:
+        reach, signs = reach[[only]], signs[[only]]
+    tips = P[layout.anchors if only is None else layout.anchors[[only]]]
+    colours = linear([MINUS, PLUS])
+
+    def paint(v: FloatArray) -> FloatArray:
+        nearest, x = v.argmin(axis=1), v.min(axis=1) / width - 1.0
+        k = np.floor(x).astype(int)
+        inside = (k >= 0) & (k < signs.shape[1])
+        sign = np.where(inside, signs[nearest, np.clip(k, 0, signs.shape[1] - 1)], 0.0)
+        # A thin gap, so that neighbours of one sign are seen to be two rings.
+        gap = (x - k < 0.1) | (x - k > 0.9)
+        return np.where(((sign != 0.0) & ~gap)[:, None], colours[(sign > 0).astype(int)], CLAY)
+
+    area = half_width(copies) * 2.0 / CLOSE_UP
+    return picture(P, F, reach.T, paint, copies.view(), tips, BALL * area)
+
+
+def draw_evidence(copies: Copies, path: Path) -> None:
+    """Draw the evidence about one tip, of the marked frame and of the original."""
+    words, c = copies.words(KEY), 0
+    chips = measured(copies)
+    figure = plt.figure(figsize=(WIDTH, 4.0), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+    ax = left.subplots()
+    show(ax, rings(copies, words, only=c), "the word that the key asks for here")
+    axes = right.subplots(2, 1, sharex=True, sharey=True)
+    k = np.arange(1, words.shape[1] + 1)
+    for ax, S, name in zip(axes, chips, ("marked copy", "original, never marked"), strict=True):
+        fits = int((np.sign(S[c]) == words[c]).sum())
+        ax.bar(k, S[c], 0.7, color=np.where(np.sign(S[c]) == words[c], "#3a8f4d", "0.55"))
+        for x, sign in zip(k, words[c], strict=True):
+            colour = PLUS if sign > 0 else MINUS
+            ax.add_patch(plt.Rectangle((x - 0.42, -1.5), 0.84, 0.25, color=colour))
+        ax.axhline(0.0, color=DARK, lw=0.6)
+        ax.set_title(f"{name}: {fits} of {len(k)} signs as in the word", fontsize=10, loc="left")
+        ax.set(ylim=(-1.55, 1.1), yticks=[-1, 0, 1])
+        ax.set_yticklabels(["\N{MINUS SIGN} surely", "unclear", "+ surely"])
+        ax.tick_params(labelsize=8)
+        ax.spines[["top", "right", "bottom"]].set_visible(False)
+    axes[1].set_xticks(k)
+    axes[1].set_xlabel("ring about the tip; squares: the key's word", fontsize=9)
+    save(figure, path, tight=False)
+
+
+def measured(copies: Copies) -> tuple[FloatArray, FloatArray]:
+    """Evidence (C, K) about the anchors of the marked frame and of the original, blindly.
+
+    Both as the hypothesis of scale gives it that fits the marked frame best.
+    """
+    words, anchors = copies.words(KEY), copies.subject.layout.anchors
+    P = copies.frame.points
+    found = [copies.subject.scheme.observe(frame) for frame in (copies.marked, copies.frame)]
+    soft = []
+    for one in found:
+        away = np.linalg.norm(P[anchors][:, None] - P[one.vertices], axis=2)
+        soft.append(np.asarray(one.soft, dtype=np.float64)[:, away.argmin(axis=1)])
+    best = int((soft[0] * words).sum(axis=(1, 2)).argmax())
+    return soft[0][best], soft[1][best]
+
+
+def draw_e_values(copies: Copies, path: Path) -> None:
+    """Draw the e-values of many random keys on the marked frame, and that of the true key."""
+    [evidence] = evidence_of(copies.marked)
+    variant = evidence.variants[0]
+    rng = np.random.default_rng(0)
+    words = [evidence.words(Key(rng.bytes(32)), None) for _ in range(N_KEYS)]
+    words.append(evidence.words(KEY, None))
+    log10_e = word_log_e_means(
+        variant.pooled, variant.belief, np.array(words), variant.posterior
+    ) / np.log(10.0)
+    random, true = log10_e[:-1], float(log10_e[-1])
+    print(f"log10 e: random keys {random.min():.2f} to {random.max():.2f}, true key {true:.2f}")
+    figure, ax = plt.subplots(figsize=(WIDTH, 3.4), layout="constrained")
+    ax.hist(random, bins=np.arange(-6.0, 6.01, 0.25), color="0.6")
+    top = ax.get_ylim()[1]
+    ax.axvline(LIMIT, color=RED, lw=1.5)
+    ax.text(LIMIT + 0.2, 0.95 * top, "limit: one in a million", color=RED, fontsize=9, va="top")
+    ax.bar(true, 0.5 * top, 0.25, color="#3a8f4d")
+    ax.text(true, 0.53 * top, f"your key\n$10^{{{true:.1f}}}$", color="#3a8f4d", ha="center")
+    ax.text(random.mean(), 1.02 * top, f"{N_KEYS:,} random keys", color="0.35", ha="center")
+    ticks = np.arange(-6, 25, 3)
+    ax.set_xticks(ticks, ["1" if t == 0 else f"$10^{{{t}}}$" for t in ticks])
+    ax.set(xlim=(-6.5, max(25.0, true + 1.5)), ylim=(0, 1.15 * top), ylabel="keys")
+    ax.set_xlabel("e-value: how many times better the key fits than chance")
+    ax.spines[["top", "right"]].set_visible(False)
+    save(figure, path, tight=False)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A verdict beside the lowest log10 p that the file could have shown."""
+
+    name: str
+    verdict: str
+    log10_p: float
+    reachable: float
+
+
+def answer(name: str, frame: Frame) -> Answer:
+    evidence = evidence_of(frame)
+    verdict = decide(name, evidence, KEY)
+    reachable = min(
+        (item.reachable_log10_p - share for item, share in zip(evidence, shares(evidence))),
+        default=0.0,
+    )
+    print(f"{name}: {verdict.verdict}, log10 p {verdict.log10_p:.1f}, reachable {reachable:.1f}")
+    return Answer(name, verdict.verdict, verdict.log10_p, reachable)
+
+
+def attacked(frame: Frame, name: str, **parameters: object) -> Frame:
+    attack = make_attack(name, **parameters)
+    return attack.apply(MeshAnimation.from_frames([frame]), np.random.default_rng(0))[0]
+
+
+def draw_verdicts(copies: Copies, path: Path) -> None:
+    """Draw p of several files, the least each could have shown, and the limit between."""
+    marked = copies.marked
+    nose = "1,0,0"
+    answers = [
+        answer("marked copy", marked),
+        answer("the same, 30 % cut off", attacked(marked, "cropping", share=0.3, direction=nose)),
+        answer("the same, remeshed away", attacked(marked, "remeshing-sdf")),
+        answer("original, never marked", copies.frame),
+        answer(
+            "marked copy, only the tail",
+            attacked(marked, "cropping", share=0.93, direction=nose),
+        ),
+    ]
+    colours = {"marked": "#3a8f4d", "not marked": DARK, "inconclusive": "#8a6d3b"}
+    figure, ax = plt.subplots(figsize=(WIDTH, 3.4), layout="constrained")
+    for row, one in enumerate(answers):
+        ax.barh(row, -one.reachable, 0.5, color="0.86")
+        ax.plot(-one.log10_p, row, "o", ms=9, color=colours[one.verdict], clip_on=False, zorder=3)
+        ax.text(32.5, row, one.verdict, color=colours[one.verdict], va="center", weight="bold")
+    ax.axvline(LIMIT, color=RED, lw=1.5)
+    ax.text(LIMIT, -0.75, "limit: one in a million", color=RED, fontsize=9, ha="center")
+    ax.set_yticks(range(len(answers)), [one.name for one in answers])
+    ticks = np.arange(0, 31, 6)
+    ax.set_xticks(ticks, ["1" if t == 0 else f"$10^{{-{t}}}$" for t in ticks])
+    ax.set(xlim=(0, 32), ylim=(len(answers) - 0.5, -0.6))
+    ax.set_xlabel("p: chance that a random key does as well; smaller to the right")
+    ax.spines[["top", "right"]].set_visible(False)
+    save(figure, path, tight=False)
+
+
+DRAWINGS = {
+    "mark": draw_mark,
+    "key": draw_key,
+    "recipient": draw_recipients,
+    "evidence": draw_evidence,
+    "e-value": draw_e_values,
+    "verdict": draw_verdicts,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, default=REPOSITORY / "docs" / "concepts")
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    copies = Copies.of(subject_of(None, azimuth=30.0))
+    for name, draw in DRAWINGS.items():
+        draw(copies, options.output / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()
