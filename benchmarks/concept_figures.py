@@ -22,17 +22,28 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 
-from apex_figures import BALL, SIZE, Subject, framed, linear, picture, save, show, subject_of
+from apex_figures import (
+    BALL,
+    SIZE,
+    Subject,
+    framed,
+    linear,
+    on_picture,
+    picture,
+    save,
+    show,
+    subject_of,
+)
 from measuring import REPOSITORY
 from meshmark import Key
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.demo import creature
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import decide, shares
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.topology import edges
 from meshmark.statistics.p_values import word_log_e_means
 from render import CLAY, View
 
@@ -42,11 +53,11 @@ RECIPIENTS = ("acme", "globex")
 N_KEYS = 1000
 LIMIT = 6  # decades: one in a million
 MINUS, PLUS = "#e08a1e", "#2c6fbb"
-DARK, GREY, RED = "0.25", "0.72", "#c0392b"
+DARK, RED, GREEN = "0.25", "#c0392b", "#3a8f4d"
 SIGNS = ListedColormap([MINUS, PLUS])
 WIDTH = 10.4  # inches
-# Width of the close-up of the mark, in root areas.
-CLOSE_UP = 0.16
+# Width of the close-up of the mark, in root areas, and the fewest points it shows.
+CLOSE_UP, FEWEST = 0.11, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +94,7 @@ def draw_mark(copies: Copies, path: Path) -> None:
     P, X, F = copies.frame.points, copies.marked.points, copies.frame.faces
     view, size = copies.view(), float(np.linalg.norm(np.ptp(P, axis=0)))
     move = 100.0 * np.linalg.norm(X - P, axis=1) / size
+    print(f"moves: median {np.median(move):.2f} %, largest {move.max():.2f} % of the diagonal")
     norm, cmap = Normalize(0.0, float(np.percentile(move, 99.0))), plt.cm.magma_r
     image = picture(
         P, F, move[:, None], lambda v: linear(cmap(norm(v[:, 0]))), view, np.empty((0, 3)), 0.0
@@ -94,12 +106,12 @@ def draw_mark(copies: Copies, path: Path) -> None:
     bar = figure.colorbar(
         ScalarMappable(norm, cmap), ax=axes[0], location="bottom", shrink=0.7, aspect=40, pad=0.02
     )
-    bar.set_label("% of the creature's size", fontsize=9)
+    bar.set_label("% of the creature's diagonal", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     centre = close_up_centre(copies, move, view)
     mark_square(axes[0], P[centre], view, copies)
     draw_close_up(axes[1], copies, centre, view)
-    save(figure, path, tight=False)
+    save(figure, path)
 
 
 def half_width(copies: Copies) -> float:
@@ -110,15 +122,14 @@ def half_width(copies: Copies) -> float:
 
 
 def close_up_centre(copies: Copies, move: FloatArray, view: View) -> int:
-    """Choose the point about which the mark moved points most, among those seen from the front."""
+    """Choose the point about which the mark moved points most, on a side that faces the eye."""
     P, half = copies.frame.points, half_width(copies)
-    seen = P @ view.axes().T
-    front = facing(copies, view) > 0.9
+    front = facing(copies, view) > 0.5
     mean = np.full(len(P), -1.0)
     for v in np.flatnonzero(front):
         near = np.linalg.norm(P - P[v], axis=1) < half
-        mean[v] = move[near].mean() if front[near].all() else -1.0
-    assert np.isfinite(seen).all()
+        if front[near].all() and near.sum() >= FEWEST:
+            mean[v] = move[near].mean()
     return int(mean.argmax())
 
 
@@ -135,16 +146,19 @@ def mark_square(ax, centre: FloatArray, view: View, copies: Copies) -> None:
     scale = SIZE[0] / view.span
     x, y = np.array(SIZE) / 2.0 + (view.axes()[:2] @ (centre - view.center)) * [1, -1] * scale
     half = half_width(copies) * scale
-    ax.add_patch(plt.Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, ec=RED, lw=2))
+    # White beneath keeps the square visible on dark points.
+    for colour, width in (("white", 5), (RED, 2.5)):
+        corner, side = (x - half, y - half), 2 * half
+        ax.add_patch(plt.Rectangle(corner, side, side, fill=False, ec=colour, lw=width))
 
 
 def draw_close_up(ax, copies: Copies, centre: int, view: View) -> None:
     P, X, half = copies.frame.points, copies.marked.points, half_width(copies)
-    E = quad_edges(copies.frame)
+    E = quad_edges()
     flat, moved = ((V - P[centre]) @ view.axes()[:2].T for V in (P, X))
     near = (np.abs(flat) < 1.3 * half).all(axis=1) & (facing(copies, view) > 0.2)
     E = E[near[E].all(axis=1)]
-    for points, colour, width in ((flat, "0.6", 1.0), (moved, RED, 1.3)):
+    for points, colour, width in ((flat, "0.55", 1.0), (moved, RED, 1.4)):
         ax.add_collection(LineCollection(points[E], colors=colour, linewidths=width))
     ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
     ax.set_title("close-up: original grey, marked red", fontsize=10)
@@ -152,13 +166,10 @@ def draw_close_up(ax, copies: Copies, centre: int, view: View) -> None:
         spine.set(color=RED, linewidth=2)
 
 
-def quad_edges(frame: Frame) -> IntArray:
-    """Edges of the polygons, without the diagonals that analysis adds."""
-    counts, corners = frame.topology.counts, frame.topology.indices
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    following = np.arange(len(corners)) + 1
-    following[first + counts - 1] = first
-    return np.unique(np.sort(np.stack([corners, corners[following]], axis=1), axis=1), axis=0)
+def quad_edges() -> IntArray:
+    """Edges of the creature's quads (E, 2), without the diagonals that analysis adds."""
+    quads = creature(frames=1)[0].topology.indices.reshape(-1, 4)
+    return np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
 def draw_key(copies: Copies, path: Path) -> None:
@@ -168,21 +179,20 @@ def draw_key(copies: Copies, path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.0), layout="constrained", sharey=True)
     for ax, words, title in (
         (axes[0], mine, "your key"),
-        (axes[1], other, f"another key: {same} of {mine.size} signs agree, by chance"),
+        (axes[1], other, f"another key: {same} of {mine.size} signs happen to agree"),
     ):
         show_words(ax, words)
         ax.set_title(title, fontsize=10)
-        ax.set_xlabel("sign in the word", fontsize=9)
-    axes[0].set_yticks(range(len(mine)), [f"word {c + 1}" for c in range(len(mine))])
+        ax.set_xlabel("ring about the tip", fontsize=9)
+    axes[0].set_yticks(np.arange(len(mine)) + 0.5, [f"tip {c + 1}" for c in range(len(mine))])
     legend_of_signs(figure)
-    save(figure, path, tight=False)
+    save(figure, path)
 
 
 def show_words(ax, words: IntArray) -> None:
     ax.pcolormesh(words, cmap=SIGNS, vmin=-1, vmax=1, edgecolors="white", linewidth=1.5)
     ax.set(ylim=(len(words), 0), aspect="equal")
     ax.set_xticks(np.arange(words.shape[1]) + 0.5, np.arange(words.shape[1]) + 1)
-    ax.set_yticks(np.arange(len(words)) + 0.5)
     ax.tick_params(length=0, labelsize=8)
     for spine in ax.spines.values():
         spine.set_visible(False)
@@ -206,7 +216,7 @@ def draw_recipients(copies: Copies, path: Path) -> None:
     for ax, name in zip(axes, RECIPIENTS, strict=True):
         show(ax, rings(copies, copies.words(KEY, name)), f'the copy for "{name}"')
     legend_of_signs(figure)
-    save(figure, path, tight=False)
+    save(figure, path)
 
 
 def rings(copies: Copies, signs: FloatArray, only: int | None = None):
@@ -240,24 +250,28 @@ def draw_evidence(copies: Copies, path: Path) -> None:
     figure = plt.figure(figsize=(WIDTH, 4.0), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
     ax = left.subplots()
-    show(ax, rings(copies, words, only=c), "the word that the key asks for here")
+    show(ax, rings(copies, words, only=c), "rings about one tip, in the colours of the key's word")
+    tip = copies.frame.points[copies.subject.layout.anchors[[c]]]
+    [[x, y]] = on_picture(tip, copies.view())
+    arrow = {"arrowstyle": "->", "color": RED}
+    ax.annotate("tip", (x, y), (x - 8, y + 70), color=RED, arrowprops=arrow)
     axes = right.subplots(2, 1, sharex=True, sharey=True)
     k = np.arange(1, words.shape[1] + 1)
     for ax, S, name in zip(axes, chips, ("marked copy", "original, never marked"), strict=True):
         fits = int((np.sign(S[c]) == words[c]).sum())
-        ax.bar(k, S[c], 0.7, color=np.where(np.sign(S[c]) == words[c], "#3a8f4d", "0.55"))
+        ax.bar(k, S[c], 0.7, color=np.where(np.sign(S[c]) == words[c], GREEN, "0.55"))
         for x, sign in zip(k, words[c], strict=True):
             colour = PLUS if sign > 0 else MINUS
             ax.add_patch(plt.Rectangle((x - 0.42, -1.5), 0.84, 0.25, color=colour))
         ax.axhline(0.0, color=DARK, lw=0.6)
         ax.set_title(f"{name}: {fits} of {len(k)} signs as in the word", fontsize=10, loc="left")
         ax.set(ylim=(-1.55, 1.1), yticks=[-1, 0, 1])
-        ax.set_yticklabels(["\N{MINUS SIGN} surely", "unclear", "+ surely"])
+        ax.set_yticklabels(["clearly \N{MINUS SIGN}", "unclear", "clearly +"])
         ax.tick_params(labelsize=8)
         ax.spines[["top", "right", "bottom"]].set_visible(False)
     axes[1].set_xticks(k)
-    axes[1].set_xlabel("ring about the tip; squares: the key's word", fontsize=9)
-    save(figure, path, tight=False)
+    axes[1].set_xlabel("ring; squares show the word, green bars agree with it", fontsize=9)
+    save(figure, path)
 
 
 def measured(copies: Copies) -> tuple[FloatArray, FloatArray]:
@@ -292,16 +306,16 @@ def draw_e_values(copies: Copies, path: Path) -> None:
     ax.hist(random, bins=np.arange(-6.0, 6.01, 0.25), color="0.6")
     top = ax.get_ylim()[1]
     ax.axvline(LIMIT, color=RED, lw=1.5)
-    ax.text(LIMIT + 0.2, 0.95 * top, "limit: one in a million", color=RED, fontsize=9, va="top")
-    ax.bar(true, 0.5 * top, 0.25, color="#3a8f4d")
-    ax.text(true, 0.53 * top, f"your key\n$10^{{{true:.1f}}}$", color="#3a8f4d", ha="center")
+    ax.text(LIMIT + 0.2, 0.95 * top, "from here on: marked", color=RED, fontsize=9, va="top")
+    ax.plot(true, 0.0, "o", ms=10, color=GREEN, clip_on=False, zorder=3)
+    ax.text(true, 0.06 * top, f"your key\n$10^{{{true:.1f}}}$", color=GREEN, ha="center")
     ax.text(random.mean(), 1.02 * top, f"{N_KEYS:,} random keys", color="0.35", ha="center")
     ticks = np.arange(-6, 25, 3)
     ax.set_xticks(ticks, ["1" if t == 0 else f"$10^{{{t}}}$" for t in ticks])
-    ax.set(xlim=(-6.5, max(25.0, true + 1.5)), ylim=(0, 1.15 * top), ylabel="keys")
+    ax.set(xlim=(-6.5, max(25.0, true + 1.5)), ylim=(0, 1.15 * top), ylabel="number of keys")
     ax.set_xlabel("e-value: how many times better the key fits than chance")
     ax.spines[["top", "right"]].set_visible(False)
-    save(figure, path, tight=False)
+    save(figure, path)
 
 
 @dataclass(frozen=True)
@@ -317,10 +331,8 @@ class Answer:
 def answer(name: str, frame: Frame) -> Answer:
     evidence = evidence_of(frame)
     verdict = decide(name, evidence, KEY)
-    reachable = min(
-        (item.reachable_log10_p - share for item, share in zip(evidence, shares(evidence))),
-        default=0.0,
-    )
+    paid = zip(evidence, shares(evidence), strict=True)
+    reachable = min((item.reachable_log10_p - share for item, share in paid), default=0.0)
     print(f"{name}: {verdict.verdict}, log10 p {verdict.log10_p:.1f}, reachable {reachable:.1f}")
     return Answer(name, verdict.verdict, verdict.log10_p, reachable)
 
@@ -336,29 +348,37 @@ def draw_verdicts(copies: Copies, path: Path) -> None:
     nose = "1,0,0"
     answers = [
         answer("marked copy", marked),
-        answer("the same, 30 % cut off", attacked(marked, "cropping", share=0.3, direction=nose)),
-        answer("the same, remeshed away", attacked(marked, "remeshing-sdf")),
+        answer(
+            "marked copy, 30 % cut off", attacked(marked, "cropping", share=0.3, direction=nose)
+        ),
+        answer("marked copy, all points replaced", attacked(marked, "remeshing-sdf")),
         answer("original, never marked", copies.frame),
         answer(
-            "marked copy, only the tail",
+            "marked copy, only the tail left",
             attacked(marked, "cropping", share=0.93, direction=nose),
         ),
     ]
-    colours = {"marked": "#3a8f4d", "not marked": DARK, "inconclusive": "#8a6d3b"}
+    colours = {"marked": GREEN, "not marked": DARK, "inconclusive": "#8a6d3b"}
     figure, ax = plt.subplots(figsize=(WIDTH, 3.4), layout="constrained")
     for row, one in enumerate(answers):
         ax.barh(row, -one.reachable, 0.5, color="0.86")
         ax.plot(-one.log10_p, row, "o", ms=9, color=colours[one.verdict], clip_on=False, zorder=3)
         ax.text(32.5, row, one.verdict, color=colours[one.verdict], va="center", weight="bold")
     ax.axvline(LIMIT, color=RED, lw=1.5)
-    ax.text(LIMIT, -0.75, "limit: one in a million", color=RED, fontsize=9, ha="center")
+    ax.text(LIMIT, -0.75, "from here on: marked", color=RED, fontsize=9, ha="center")
+    handles = [
+        plt.Line2D([], [], marker="o", ms=9, color=DARK, lw=0),
+        plt.Rectangle((0, 0), 1, 1, color="0.86"),
+    ]
+    labels = ["what your key shows", "what the best of keys could show"]
+    figure.legend(handles, labels, ncol=2, fontsize=9, frameon=False, loc="outside lower center")
     ax.set_yticks(range(len(answers)), [one.name for one in answers])
     ticks = np.arange(0, 31, 6)
     ax.set_xticks(ticks, ["1" if t == 0 else f"$10^{{-{t}}}$" for t in ticks])
     ax.set(xlim=(0, 32), ylim=(len(answers) - 0.5, -0.6))
     ax.set_xlabel("p: chance that a random key does as well; smaller to the right")
     ax.spines[["top", "right"]].set_visible(False)
-    save(figure, path, tight=False)
+    save(figure, path)
 
 
 DRAWINGS = {

@@ -3,7 +3,7 @@
     python benchmarks/false_positives.py marked.usdc unmarked.usdc --keys 100000 -o FOLDER
 
 Writes `false-positives.png`, the share of keys whose p is at most a against a, and prints the
-table that goes with it. A p-value is honest if no curve lies above the diagonal.
+table that goes with it. A p-value is valid if no curve lies above the diagonal.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def draw(results: dict[str, FloatArray], path: Path) -> None:
         ordered = np.sort(log10_p)
         share = np.arange(1, len(ordered) + 1) / len(ordered)
         axes.step(10**ordered, share, where="post", label=name)
-    axes.plot([1e-6, 1], [1e-6, 1], color="0.6", linestyle=":", label="honest limit")
+    axes.plot([1e-6, 1], [1e-6, 1], color="0.6", linestyle=":", label="largest valid share")
     axes.set(xscale="log", yscale="log", xlim=(1e-6, 1), ylim=(5e-6, 1.5))
     axes.set(xlabel="a", ylabel="share of random keys with p at most a")
     axes.legend(loc="upper left", fontsize=8, frameon=False)

@@ -18,7 +18,7 @@ from meshmark.cli.segment import segment
 from meshmark.cli.verify import verify
 
 app = typer.Typer(
-    help="Marks animated meshes, and finds the mark again in a leaked copy.",
+    help="Mark animated meshes, and find the mark again in a leaked copy.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,

@@ -18,12 +18,17 @@ def attack(
     output: OutputOption,
     parameters: Annotated[
         list[str],
-        typer.Option("--parameter", "-p", metavar="PARAMETER=VALUE", help="Of the attack."),
+        typer.Option(
+            "--parameter",
+            "-p",
+            metavar="PARAMETER=VALUE",
+            help="A parameter of the attack; repeat for more.",
+        ),
     ] = [],  # noqa: B006 (typer makes a new list each time)
     seed: SeedOption = 0,
     trusted: TrustedOption = False,
 ) -> None:
-    """Treat SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
+    """Modify SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.commands.attack import attack_asset, attack_from_text, write_attacked
     from meshmark.embedding.outputs import check_output
     from meshmark.sources.readers import read

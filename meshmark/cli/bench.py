@@ -36,7 +36,7 @@ def bench(
     ],
     suite: Annotated[str, typer.Option(help="tsai2014, liris, animation, leaks or hiding.")],
     schemes: Annotated[
-        list[str], typer.Option("--scheme", help="How the mark is carried; again for more.")
+        list[str], typer.Option("--scheme", help="Watermarking scheme; repeat for more.")
     ] = [DEFAULT_SCHEME],  # noqa: B006 (typer makes a new list each time)
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
@@ -46,7 +46,7 @@ def bench(
         typer.Option(
             "--attack",
             metavar="NAME:PARAMETER=VALUE,...",
-            help="A cell beyond the suite's; again for more.",
+            help="A further cell; repeat for more.",
         ),
     ] = [],  # noqa: B006
     frames: FramesOption = None,

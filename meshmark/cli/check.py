@@ -17,7 +17,7 @@ def check(
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Look at FILE as its recipient could: what does it give away? Exit 1 if anything."""
+    """List what FILE gives away to its recipient; exit code 1 if it gives away anything."""
     from meshmark.commands.check import check_file
 
     document = check_file(file, trusted=trusted)

@@ -15,7 +15,7 @@ def demo(
         "meshmark-demo"
     ),
 ) -> None:
-    """Make an animated creature, mark, attack and verify it, and tell the story."""
+    """Make an animated creature, mark, attack and verify it, and explain each step."""
     from meshmark.demo.story import tell
     from meshmark.workers.ordered_map import default_jobs
 

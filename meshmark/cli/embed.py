@@ -29,43 +29,46 @@ def embed(
     source: SourceArgument,
     output: OutputOption,
     key: KeyOption,
-    scheme: Annotated[str, typer.Option(help="How the mark is carried.")] = DEFAULT_SCHEME,
+    scheme: Annotated[str, typer.Option(help="Watermarking scheme.")] = DEFAULT_SCHEME,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     prim: PrimOption = [],  # noqa: B006
     frames: FramesOption = None,
     strength: Annotated[
-        float | None, typer.Option(help="How far a chip is pushed, in bins; the scheme's default.")
+        float | None,
+        typer.Option(help="How far each chip is driven, in bins; the scheme's default."),
     ] = None,
     max_mrms: Annotated[
         float | None,
         typer.Option(
             "--max-mrms",
-            help="Limit to the distortion (MRMS over the diagonal), for schemes that keep one.",
+            help="Limit to the distortion (MRMS over the diagonal), for schemes that have one.",
         ),
     ] = None,
-    recipient: Annotated[str | None, typer.Option(help="Whose copy this will be.")] = None,
+    recipient: Annotated[
+        str | None, typer.Option(help="Recipient of this copy; keep the name.")
+    ] = None,
     deliver: Annotated[
-        bool, typer.Option("--deliver", help="Flatten: no unmarked point is left in the file.")
+        bool, typer.Option("--deliver", help="Write one flattened file without any unmarked point.")
     ] = False,
     allow_unmarked: Annotated[
         list[str],
         typer.Option(
             "--allow-unmarked",
             metavar="PRIM",
-            help="Deliver this mesh, and all below it, though it holds no mark; `all` for any.",
+            help="Deliver this mesh, and all below it, although it holds no mark; `all` for any.",
         ),
     ] = [],  # noqa: B006
     keep_metadata: Annotated[
         bool,
-        typer.Option("--keep-metadata", help="Deliver comments, authors and paths of files too."),
+        typer.Option("--keep-metadata", help="Deliver comments, authors and file paths too."),
     ] = False,
     every: Annotated[
         bool,
-        typer.Option("--all", help="List everything that is told of, not the first few of a kind."),
+        typer.Option("--all", help="Print every message, not only the first few of each kind."),
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Do all but write.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Do everything but write.")] = False,
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:

@@ -22,14 +22,14 @@ CANNOT_HOLD = 1
 
 def inspect(
     source: SourceArgument,
-    scheme: Annotated[str, typer.Option(help="The scheme it is to hold.")] = DEFAULT_SCHEME,
+    scheme: Annotated[str, typer.Option(help="Watermarking scheme.")] = DEFAULT_SCHEME,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Say what is in SOURCE, and whether it can hold a mark. Exit 1 if some mesh cannot."""
+    """List what is in SOURCE, and whether it can hold a mark; exit code 1 if a mesh cannot."""
     from meshmark.commands.inspect import inspect_asset
     from meshmark.extension.recipe import recipe_from_text
     from meshmark.sources.readers import read

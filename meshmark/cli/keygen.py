@@ -13,7 +13,7 @@ from meshmark.cli.console import say
 def keygen(
     keyfile: Annotated[Path, typer.Argument(help="The file to make.", show_default=False)],
 ) -> None:
-    """Make a key file of 256 random bits, for its owner's eyes only."""
+    """Make a key file of 256 random bits, readable by its owner only."""
     from meshmark.keys import Key
 
     key = Key.generate()

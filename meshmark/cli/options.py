@@ -17,8 +17,10 @@ SourceArgument = Annotated[
 ]
 OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where to write.")]
 KeyOption = Annotated[Path, typer.Option("--key", help="Key file, from `meshmark keygen`.")]
-SegmenterOption = Annotated[str, typer.Option(help="What cuts the mesh into parts.")]
-GeodesicOption = Annotated[str, typer.Option(help="What measures distances along the surface.")]
+SegmenterOption = Annotated[str, typer.Option(help="Segmenter, for schemes that need parts.")]
+GeodesicOption = Annotated[
+    str, typer.Option(help="Geodesic solver, for schemes that need distances.")
+]
 SetOption = Annotated[
     list[str],
     typer.Option(
@@ -36,10 +38,10 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout."
 TrustedOption = Annotated[
     bool,
     typer.Option(
-        "--trusted", help="Read SOURCE in this process, which it could crash; a second faster."
+        "--trusted", help="Read SOURCE in this process: faster, but a bad file could crash it."
     ),
 ]
-SeedOption = Annotated[int, typer.Option(help="Seed of everything random.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the random numbers.")]
 
 
 def load_key(path: Path) -> Key:

@@ -11,7 +11,7 @@ from meshmark.cli.options import JsonOption
 
 PLUGIN_FAILED = 5
 
-plugins = typer.Typer(help="What is installed, and whether it works.", no_args_is_help=True)
+plugins = typer.Typer(help="List and check plugins.", no_args_is_help=True)
 
 
 @plugins.command("list")
@@ -56,9 +56,9 @@ def list_plugins(json: JsonOption = False) -> None:
 
 @plugins.command("check")
 def check_plugin(
-    name: Annotated[str, typer.Argument(help="What `plugins list` shows.", show_default=False)],
+    name: Annotated[str, typer.Argument(help="A name from `plugins list`.", show_default=False)],
 ) -> None:
-    """Make what NAME names, try it on a small mesh, and say what is wrong with it."""
+    """Build the plugin NAME, try it on a small mesh, and report what is wrong with it."""
     from meshmark.errors import UsageError
     from meshmark.extension.registry import catalogue
     from meshmark.testing.smoke_check import check_plugin

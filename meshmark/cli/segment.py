@@ -22,7 +22,7 @@ def segment(
     frames: FramesOption = None,
     trusted: TrustedOption = False,
 ) -> None:
-    """Write the parts of SOURCE as GeomSubsets and display colours, for a look in usdview."""
+    """Write the parts of SOURCE as GeomSubsets and display colours, to view in usdview."""
     from meshmark.commands.segment import segment_asset, segmenter_from_text, write_segmented
     from meshmark.embedding.outputs import check_output
     from meshmark.sources.readers import read

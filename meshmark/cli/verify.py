@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from meshmark.extension.recipe import Recipe
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
-# Of more meshes than this, only the ones that say most are told of.
+# Of more meshes than this, only those with the lowest p are printed.
 MOST_SHOWN = 8
 
 
 def verify(
     sources: Annotated[
         list[str],
-        typer.Argument(metavar="SOURCE...", help="Copies to look at.", show_default=False),
+        typer.Argument(metavar="SOURCE...", help="Copies to verify.", show_default=False),
     ],
     key: KeyOption,
     scheme: Annotated[
-        str | None, typer.Option(help="The scheme it was marked with; every one by default.")
+        str | None, typer.Option(help="Scheme of the mark; by default, all are tried.")
     ] = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
@@ -48,42 +48,42 @@ def verify(
         typer.Option(
             "--recipient",
             metavar="NAME|@FILE",
-            help="A name to try (@@NAME for @NAME), or a file of names, one a line; "
-            "each is paid for.",
+            help="A recipient to try (@@NAME for @NAME), or a file of names, one a line; "
+            "p is corrected for their number.",
         ),
     ] = [],  # noqa: B006
     frames: Annotated[
         str,
         typer.Option(
             metavar="A:B[:S]|auto",
-            help="Time codes from A to B, every S-th frame (`:` for all); auto looks at few "
-            "frames first, and at more only while they do not decide.",
+            help="Time codes from A to B, every S-th frame (`:` for all); auto samples "
+            "few frames first, and more only while the answer is open.",
         ),
     ] = "auto",
     evidence: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Read what was measured before from FILE, or measure all frames and write it.",
+            help="Read the evidence from FILE; if it does not exist, measure it and write it.",
         ),
     ] = None,
     unauthenticated: Annotated[
         bool,
         typer.Option(
             "--unauthenticated-evidence",
-            help="Tell what FILE says though it may be forged, and answer inconclusive.",
+            help="Report what FILE says although it may be forged; the answer is inconclusive.",
         ),
     ] = False,
     fpr: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
     ] = 1e-6,
     everything: Annotated[
-        bool, typer.Option("--all", help="Tell of every mesh, however many there are.")
+        bool, typer.Option("--all", help="Print every mesh, not only the eight with the lowest p.")
     ] = False,
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Say of each SOURCE whether it bears the key's mark, whose copy it is, and how surely."""
+    """Say whether each SOURCE bears the key's mark, whose copy it is, and the bound on p."""
     from meshmark.errors import UsageError
 
     if not 0.0 < fpr < 1.0:
@@ -146,7 +146,7 @@ def _recipes(
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked about every source."""
+    """Options that apply to every source."""
 
     recipes: Sequence[Recipe]
     recipients: Sequence[str]
