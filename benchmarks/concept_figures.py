@@ -77,7 +77,7 @@ class Copies:
         """Words of the anchors that are marked, (C, K)."""
         scheme = self.subject.scheme
         words = key.words("apex", scheme.n_words, scheme.n_chips, recipient)
-        return words[self.subject.layout.words]
+        return words[self.subject.anchors.words]
 
     def view(self) -> View:
         return framed(self.subject, self.frame.points)
@@ -221,13 +221,13 @@ def draw_recipients(copies: Copies, path: Path) -> None:
 
 def rings(copies: Copies, signs: FloatArray, only: int | None = None):
     """Render the creature with the rings about its tips in the colours of signs (C, K)."""
-    P, F, layout = copies.frame.points, copies.frame.faces, copies.subject.layout
+    P, F, anchors = copies.frame.points, copies.frame.faces, copies.subject.anchors.vertices
     H, *_ = copies.subject.distances(P, F)
-    width = copies.subject.scheme.tuning.width
+    width = copies.subject.scheme.parameters.width
     reach = np.where(np.isfinite(H), H, 10.0)
     if only is not None:
         reach, signs = reach[[only]], signs[[only]]
-    tips = P[layout.anchors if only is None else layout.anchors[[only]]]
+    tips = P[anchors if only is None else anchors[[only]]]
     colours = linear([MINUS, PLUS])
 
     def paint(v: FloatArray) -> FloatArray:
@@ -251,7 +251,7 @@ def draw_evidence(copies: Copies, path: Path) -> None:
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
     ax = left.subplots()
     show(ax, rings(copies, words, only=c), "rings about one tip, in the colours of the key's word")
-    tip = copies.frame.points[copies.subject.layout.anchors[[c]]]
+    tip = copies.frame.points[copies.subject.anchors.vertices[[c]]]
     [[x, y]] = on_picture(tip, copies.view())
     arrow = {"arrowstyle": "->", "color": RED}
     ax.annotate("tip", (x, y), (x - 8, y + 70), color=RED, arrowprops=arrow)
@@ -279,7 +279,7 @@ def measured(copies: Copies) -> tuple[FloatArray, FloatArray]:
 
     Both as the hypothesis of scale gives it that fits the marked frame best.
     """
-    words, anchors = copies.words(KEY), copies.subject.layout.anchors
+    words, anchors = copies.words(KEY), copies.subject.anchors.vertices
     P = copies.frame.points
     found = [copies.subject.scheme.observe(frame) for frame in (copies.marked, copies.frame)]
     soft = []
