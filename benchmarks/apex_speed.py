@@ -180,10 +180,12 @@ def _page(
     parts = [
         "# Speed of `apex`",
         "Written by `python benchmarks/apex_speed.py`, on "
-        f"{os.cpu_count()} cores. Seconds are this machine's; compare shares, not seconds.",
+        f"{os.cpu_count()} cores. On this page you find how long marking and verifying take, stage "
+        "by stage, and how much memory. Seconds depend on the machine; compare shares, not "
+        "seconds.",
         "## Whole animations",
-        "`meshmark embed SOURCE -o OUTPUT --key k`, measuring the distortion and verifying the "
-        "written file included, and `meshmark verify` (`--frames auto`) of the copy as it is, "
+        "`meshmark embed SOURCE -o OUTPUT --key k`, including measuring the distortion and "
+        "verifying the written file; `meshmark verify` (`--frames auto`) of the copy unchanged, "
         "with noise of 0.5 %, and smoothed 30 times. In brackets: not found.",
         table(
             (
@@ -195,15 +197,15 @@ def _page(
         "## Stage by stage",
         f"One process. Marking {FRAMES} frames:",
         _stage_table({name: marking for name, (marking, _) in stages.items()}),
-        "Looking at one frame, as it stands and with 10, 30 and 50 iterations of smoothing undone:",
+        "Measuring one frame, unchanged and with 10, 30 and 50 iterations of smoothing undone:",
         _stage_table({name: looking for name, (_, looking) in stages.items()}),
-        "What bounds marking is measuring poses, chips with their gradients and distances, done "
-        "in parallel, and solving for displacements, of which two at a time may be under way "
-        "beside it.",
+        "Most of the time of marking goes into two tasks. Poses are measured (chips with their "
+        "gradients, and distances) in parallel. Beside that, up to two displacements are solved "
+        "for at a time.",
         "## Memory",
-        "Peak of the largest process, horse, and how much of it is private; the rest are pages of "
-        "files, mostly of libraries, but also of the animation, of which the system drops those "
-        "it needs for something else. Verification looks at every frame:",
+        "Peak of the largest process, horse, and its private part. The rest are pages of files, "
+        "mostly of libraries, but also of the animation; the system drops them when it needs "
+        "memory. Verification measures every frame:",
         table(
             (
                 *("frames", "embed, s", "peak, MB", "private, MB"),
