@@ -44,6 +44,7 @@ from meshmark.detection.verdict import decide, shares
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.metrics import mrms
 from meshmark.statistics.p_values import word_log_e_means
 from render import CLAY, View
 
@@ -95,6 +96,7 @@ def draw_mark(copies: Copies, path: Path) -> None:
     view, size = copies.view(), float(np.linalg.norm(np.ptp(P, axis=0)))
     move = 100.0 * np.linalg.norm(X - P, axis=1) / size
     print(f"moves: median {np.median(move):.2f} %, largest {move.max():.2f} % of the diagonal")
+    print(f"between the surfaces: MRMS {100.0 * mrms(P, F, X, F) / size:.3f} % of the diagonal")
     norm, cmap = Normalize(0.0, float(np.percentile(move, 99.0))), plt.cm.magma_r
     image = picture(
         P, F, move[:, None], lambda v: linear(cmap(norm(v[:, 0]))), view, np.empty((0, 3)), 0.0

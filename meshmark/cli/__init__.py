@@ -30,7 +30,7 @@ def _run() -> None:
             try:
                 app(prog_name="meshmark")
             finally:
-                # What waits to be written can still fail.
+                # Buffered output can still fail.
                 sys.stdout.flush()
     except MeshmarkError as error:
         complain(str(error))

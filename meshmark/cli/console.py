@@ -1,4 +1,4 @@
-"""What people read: messages and progress, on stderr only; stdout is for data."""
+"""Messages and progress for people, on stderr only; stdout is for data."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ BEAT_EVERY = 10.0  # seconds
 
 
 def say(text: str) -> None:
-    """Tell a person something."""
+    """Print a message."""
     typer.echo(text, err=True)
 
 
 def warn(text: str) -> None:
-    """Tell a person that something needs a look."""
+    """Print a warning."""
     typer.secho(f"warning: {text}", fg="yellow", err=True)
 
 
 def few(texts: Sequence[str], every: bool = False, tell: Callable[[str], None] = warn) -> None:
-    """Tell of the first few of many things, and how many there are; or of every one."""
+    """Print the first few of many messages and the number of the others, or all of them."""
     shown = len(texts) if every or len(texts) <= FEW + 1 else FEW
     for text in texts[:shown]:
         tell(text)
@@ -37,24 +37,24 @@ def few(texts: Sequence[str], every: bool = False, tell: Callable[[str], None] =
 
 
 def complain(text: str) -> None:
-    """Tell a person what went wrong, in one line."""
+    """Print an error, in one line."""
     typer.secho(f"error: {' '.join(text.split())}", fg="red", err=True)
 
 
 def put_json(document: Any) -> None:
-    """Put a document on stdout."""
+    """Print a JSON document on stdout."""
     typer.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
 class FrameProgress:
-    """Progress bars, one for each stage and mesh that is not through."""
+    """Progress bars, one for each stage and mesh that is not finished."""
 
     def __init__(self, progress: Any) -> None:
         self._progress = progress
         self._tasks: dict[tuple[str, str], Any] = {}
 
     def __call__(self, stage: str, what: str, done: int, total: int) -> None:
-        """Show that `done` of `total` frames of something are through a stage."""
+        """Show that a stage has finished `done` of `total` frames of `what`."""
         task = self._tasks.get((stage, what))
         if task is None:
             task = self._progress.add_task(f"{stage} {what}", total=total)
@@ -63,20 +63,20 @@ class FrameProgress:
 
 
 class Heartbeat:
-    """Now and then a line about what is being done and for how long, where there are no bars."""
+    """A regular line about the current task and its time, where there are no progress bars."""
 
     def __init__(self) -> None:
         self._now: tuple[str, str, int, int] | None = None
         self._since = 0.0
 
     def __call__(self, stage: str, what: str, done: int, total: int) -> None:
-        """Remember that `done` of `total` frames of something are through a stage."""
+        """Remember that a stage has finished `done` of `total` frames of `what`."""
         if self._now is None or self._now[:2] != (stage, what):
             self._since = time.monotonic()
         self._now = (stage, what, done, total)
 
     def beat(self, ended: threading.Event) -> None:
-        """Say so every `BEAT_EVERY` seconds until an event."""
+        """Print the line every `BEAT_EVERY` seconds until `ended` is set."""
         while not ended.wait(BEAT_EVERY):
             if self._now is not None:
                 stage, what, done, total = self._now
@@ -85,7 +85,7 @@ class Heartbeat:
 
 @contextmanager
 def frame_progress() -> Iterator[FrameProgress | Heartbeat]:
-    """Show progress while the block runs: bars on a terminal, now and then a line elsewhere."""
+    """Show progress while the block runs: bars on a terminal, regular lines elsewhere."""
     with (_bars if sys.stderr.isatty() else _lines)() as progress:
         yield progress
 

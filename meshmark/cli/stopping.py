@@ -1,4 +1,4 @@
-"""Signals that end a command: what it began is tidied away, and its workers end with it."""
+"""Signals that end a command: temporary files are removed, and workers end with it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from meshmark.workers.pool import abandon_workers
 # What schedulers, closed terminals and people send. Not every system knows all of them.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 REMIND_EVERY = 0.1  # seconds
-# An import that is cut short may fail in its own way; a temporary file whose making is, stays.
+# An interrupted import may fail with another error; an interrupted creation leaves its file behind.
 NOT_CUT_SHORT = ("importlib._bootstrap", "tempfile", "meshmark.files.temporary")
 
 
 class Stopped(BaseException):
-    """Whoever started the command wants it to end.
+    """A signal asked the command to end.
 
     Parameters
     ----------
     signum : int
-        The signal that said so.
+        The signal.
     """
 
     def __init__(self, signum: int) -> None:
@@ -35,9 +35,9 @@ class Stopped(BaseException):
 
 @contextmanager
 def stopping() -> Iterator[None]:
-    """Turn signals into `Stopped`, so that files half-written are removed on the way out.
+    """Turn signals into `Stopped`, so that half-written files are removed.
 
-    Signals that are ignored stay so: `nohup` ignores SIGHUP.
+    Ignored signals stay ignored: `nohup` ignores SIGHUP.
     """
     signums = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
     before = {signum: signal.getsignal(signum) for signum in signums}
@@ -50,7 +50,7 @@ def stopping() -> Iterator[None]:
     except Exception as error:
         if stop.signum is None:
             raise
-        # Such as that of a library which took `Stopped` for a failure of its own.
+        # Some libraries turn `Stopped` into an error of their own.
         raise Stopped(stop.signum) from error
     finally:
         stop.forget()
@@ -59,10 +59,10 @@ def stopping() -> Iterator[None]:
 
 
 class _Stop:
-    """A handler of signals that raises `Stopped` until that is on its way out.
+    """A signal handler that raises `Stopped` until it propagates.
 
-    Compiled libraries swallow what is raised while they call back into Python, so that once may
-    not be enough.
+    Compiled libraries swallow exceptions raised in their callbacks into Python, so raising it once
+    may not be enough.
     """
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class _Stop:
 
     def __call__(self, signum: int, frame: FrameType | None) -> None:
         if _is_being_handled(Stopped):
-            # Being told again, as by a terminal and a scheduler, must not cut the tidying short.
+            # A second signal, as by a terminal and a scheduler, must not interrupt the cleanup.
             return
         if self.signum is None:
             self.signum = signum
@@ -81,7 +81,7 @@ class _Stop:
             self._reminder = reminder
         if _is_within(frame, NOT_CUT_SHORT):
             return
-        # Nobody wants what they are at any more, and a frame can take them long.
+        # Their results are not needed any more, and one frame can take them long.
         abandon_workers()
         raise Stopped(self.signum)
 
@@ -91,7 +91,7 @@ class _Stop:
             _remind_main_thread(self.signum)
 
     def forget(self) -> None:
-        """Send no reminders any more."""
+        """Stop sending reminders."""
         self._is_over.set()
         if self._reminder is not None:
             self._reminder.join()
@@ -99,7 +99,7 @@ class _Stop:
 
 def _remind_main_thread(signum: int) -> None:
     if sys.platform == "win32":
-        # To send one to a process means to end it there.
+        # Sending a signal to a process would end it there.
         signal.raise_signal(signum)
     else:
         main = threading.main_thread().ident

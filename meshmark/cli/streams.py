@@ -1,4 +1,4 @@
-"""What happens when nobody takes what a command says: never something that reads as a verdict."""
+"""Failing stdout and stderr: they must never lead to an exit code that reads as a verdict."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ UNHEARD = 141
 
 
 class Unheard(BaseException):
-    """Whoever read our stdout has gone."""
+    """The reader of stdout has closed it."""
 
 
 class _Watched:
-    """A stream for text whose failures are told from all others."""
+    """A text stream whose failures can be told apart from other errors."""
 
     def __init__(self, stream: Any, *, matters: bool) -> None:
         self._stream, self._matters = stream, matters
@@ -30,12 +30,12 @@ class _Watched:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write text, as far as anybody takes it."""
+        """Write text, unless the stream has failed."""
         self._attempt(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Hand over what was written."""
+        """Flush the stream, unless it has failed."""
         self._attempt(self._stream.flush)
 
     def _attempt(self, action: Callable[[], object]) -> None:
@@ -44,7 +44,7 @@ class _Watched:
         except OSError as error:
             self._failure = error
             self._give_up()
-        # Again and again: libraries that try what a stream can do take no notice of failures.
+        # Raise on every call: libraries that probe a stream ignore failures.
         if self._failure is None or not self._matters:
             return
         if isinstance(self._failure, BrokenPipeError):
@@ -52,7 +52,7 @@ class _Watched:
         raise OutputError(f"cannot be written: {self._failure.strerror}", source="stdout")
 
     def _give_up(self) -> None:
-        """Let what is still to come go nowhere: Python would try again when it ends."""
+        """Discard all further output: Python would try to flush again at exit."""
         with suppress(OSError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
@@ -61,13 +61,13 @@ class _Watched:
 
 @contextmanager
 def watched_streams() -> Iterator[None]:
-    """Tell failures of stdout while the block runs, and let those of stderr pass.
+    """Report failures of stdout while the block runs, and ignore those of stderr.
 
-    Writing to stdout raises `Unheard` if it is a pipe that nobody reads any more, and `OutputError`
+    Writing to stdout raises `Unheard` if it is a pipe whose reader has closed it, and `OutputError`
     if it fails for another reason, such as a full disk.
     """
     out, err = sys.stdout, sys.stderr
-    # The answer is in the exit code as well: it stands whoever reads the words beside it.
+    # The exit code gives the answer, too, so a failing stderr does not matter.
     sys.stdout, sys.stderr = _watched(out, matters=True), _watched(err, matters=False)
     try:
         yield
