@@ -17,7 +17,8 @@ from .keys import Key
 from .mesh.animation import Frame, MeshAnimation
 from .mesh.asset import Asset
 from .mesh.topology import Topology
-from .sources.readers import read, write
+from .sources.reading import read
+from .sources.writing import write
 from .version import __version__
 
 __all__ = [

@@ -24,7 +24,7 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.metrics import Distortion, distortion
 from meshmark.metrics.surface_distance import surface_distance
-from meshmark.sources.readers import texture_coordinates
+from meshmark.sources.facts import texture_coordinates
 
 FPR = 1e-6
 # What an unmarked frame's best part shows by luck several times in a hundred: 3 bits of 16.

@@ -10,11 +10,11 @@ from typing import Any
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.delivery.unmarked import split_fit, split_in_place
 from meshmark.embedding.asset import embed
-from meshmark.embedding.outputs import complete
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import read, writer
+from meshmark.sources.reading import read
+from meshmark.sources.writing import writer, written_names
 from meshmark.workers.progress import MeshProgress
 
 # Whose copy the second one of a collusion is.
@@ -75,29 +75,14 @@ def make_copy(
         jobs=jobs,
         progress=progress,
     )
-    marked = replace(marked, original=original)
-    write(complete(marked))
-    written = _written_names(original, path)
+    write(marked.asset)
+    written = written_names(original, path)
     return {
         "file": path.name,
         "prims": [[mesh.animation.prim, written[mesh.animation.prim]] for mesh in marked.meshes],
         "skipped": [[each.prim, each.reason] for each in marked.skipped],
         "carriers": sum(mesh.embedded.carriers for mesh in marked.meshes),
         "timings": {"embed_s": round(time.perf_counter() - start, 3)},
-    }
-
-
-def _written_names(original: Asset, path: Path) -> dict[str, str]:
-    """Map each mesh's path in the source to its path in the file.
-
-    A source that is no stage may hold names that are no prim paths; its meshes are written in
-    order.
-    """
-    if original.reader == "usd":
-        return {mesh.prim: mesh.prim for mesh in original.meshes}
-    written = read(path)
-    return {
-        mesh.prim: copy.prim for mesh, copy in zip(original.meshes, written.meshes, strict=True)
     }
 
 

@@ -12,7 +12,7 @@ from meshmark.mesh.animation import InMemoryFrames, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in
 from meshmark.sources.digests import file_hashes, source_digests
-from meshmark.sources.readers import read
+from meshmark.sources.reading import read
 
 # Two frames this near each other count as one: RMS over the points, share of the diagonal.
 REPEATED = 1e-3

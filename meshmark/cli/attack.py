@@ -31,7 +31,7 @@ def attack(
     """Modify SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
     from meshmark.commands.attack import attack_asset, attack_from_text, write_attacked
     from meshmark.embedding.outputs import check_output
-    from meshmark.sources.readers import read
+    from meshmark.sources.reading import read
 
     made = attack_from_text(name, parameters)
     asset = read(source, isolated=not trusted)

@@ -32,7 +32,7 @@ def inspect(
     """List what is in SOURCE, and whether it can hold a mark; exit code 1 if a mesh cannot."""
     from meshmark.commands.inspect import inspect_asset
     from meshmark.extension.recipe import recipe_from_text
-    from meshmark.sources.readers import read
+    from meshmark.sources.reading import read
 
     recipe = recipe_from_text(scheme, segmenter, geodesic, settings)
     document = inspect_asset(read(source, isolated=not trusted), recipe)

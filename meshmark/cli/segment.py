@@ -25,7 +25,7 @@ def segment(
     """Write the parts of SOURCE as GeomSubsets and display colours, to view in usdview."""
     from meshmark.commands.segment import segment_asset, segmenter_from_text, write_segmented
     from meshmark.embedding.outputs import check_output
-    from meshmark.sources.readers import read
+    from meshmark.sources.reading import read
 
     asset = read(source, isolated=not trusted)
     check_output(output, asset, deliver=False)

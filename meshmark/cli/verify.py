@@ -170,7 +170,7 @@ def _names(recipients: Sequence[str]) -> list[str]:
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
     from meshmark.detection.verify import judge_all
     from meshmark.detection.verify import verify as verify_asset
-    from meshmark.sources.readers import read
+    from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:

@@ -15,7 +15,8 @@ from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_attack, make_reader
 from meshmark.files.places import require_apart
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach
+from meshmark.sources.facts import files_in_reach
+from meshmark.usd.names import LAYER_SUFFIXES
 
 
 def attack_from_text(name: str, parameters: Sequence[str]) -> Attack:

@@ -16,7 +16,8 @@ from meshmark.files.temporary import ScratchFolder
 from meshmark.sources.isolation.limits import Limits
 from meshmark.sources.isolation.reading import environment
 from meshmark.sources.isolation.report import describe_error, error_from
-from meshmark.sources.readers import STAGE_SUFFIXES
+from meshmark.usd.names import STAGE_SUFFIXES
+from meshmark.usd.reader import UsdReader
 
 
 def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
         If it cannot be read, or is no stage.
     """
     name = str(file)
-    if not name.lower().endswith(STAGE_SUFFIXES):
+    if not UsdReader().accepts(name):
         raise InputError(f"only {', '.join(STAGE_SUFFIXES)} can be checked", source=name)
     if not Path(name).is_file():
         raise InputError("no such file", source=name)

@@ -16,7 +16,8 @@ from meshmark.mesh.animation import Frame
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
-from meshmark.sources.readers import LAYER_SUFFIXES
+from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark.usd.reader import UsdReader
 
 Labels = Mapping[str, list[IntArray]]
 
@@ -78,18 +79,13 @@ def write_segmented(asset: Asset, labels: Labels, frames: str | None, output: Pa
     if output.suffix.lower() not in LAYER_SUFFIXES:
         raise UsageError(f"parts are written as one of {', '.join(LAYER_SUFFIXES)}", source=output)
     from meshmark.usd.parts import write_parts
-    from meshmark.usd.reading import read_stage
+    from meshmark.usd.stages import as_stage
 
-    if asset.reader != "usd":
-        from meshmark.usd.stages import write_stage
-
-        under = output.with_name(f"{output.stem}.points.usdc")
-        write_stage(asset, under)
-        prims = [mesh.prim for mesh in asset.meshes]
-        asset = read_stage(str(under))
-        labels = {mesh.prim: labels[prim] for mesh, prim in zip(asset.meshes, prims, strict=True)}
+    names = UsdReader().written_names(asset)
+    labels = {names[prim]: each for prim, each in labels.items()}
+    stage = as_stage(asset, output.with_name(f"{output.stem}.points.usdc"))
     if frames is None:
-        write_parts(asset, {prim: each[0] for prim, each in labels.items()}, output)
+        write_parts(stage, {prim: each[0] for prim, each in labels.items()}, output)
         return
-    indices = frames_in(asset.meshes[0], frames)
-    write_parts(asset, labels, output, indices)
+    indices = frames_in(stage.meshes[0], frames)
+    write_parts(stage, labels, output, indices)

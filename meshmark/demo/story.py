@@ -18,7 +18,7 @@ from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.keys import Key
 from meshmark.mesh.frame_range import AUTO
-from meshmark.sources.readers import read
+from meshmark.sources.reading import read
 from meshmark.workers.progress import StageProgress
 
 SEED = 1

@@ -12,7 +12,8 @@ from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import file_hashes, source_digests
-from meshmark.sources.readers import read, source_files
+from meshmark.sources.facts import source_files
+from meshmark.sources.reading import read
 from meshmark.workers.progress import MeshProgress
 
 

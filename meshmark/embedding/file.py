@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -18,27 +17,26 @@ from meshmark.delivery.unmarked import (
     unasked,
 )
 from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import PrimVerdict, Verdict
+from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import judge_all
-from meshmark.embedding.asset import MarkedAsset, MarkedMesh, embed
+from meshmark.embedding.asset import embed
+from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_source
 from meshmark.embedding.manifest import FORMAT, Manifest, announced, manifest_path, output_hashes
-from meshmark.embedding.outputs import check_output, complete, reread
+from meshmark.embedding.outputs import check_output
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
-from meshmark.files.atomic import number, write_json
+from meshmark.files.atomic import write_json
 from meshmark.files.locks import held
 from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
-from meshmark.metrics import distortion
 from meshmark.recipients import recipient_name
-from meshmark.sources.digests import file_hashes, require_unchanged, source_digests
+from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
-from meshmark.sources.readers import read, texture_coordinates, writer
+from meshmark.sources.reading import read
+from meshmark.sources.writing import read_back, writer
 from meshmark.version import __version__
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
-
-TARGET_FPR = 1e-6
 
 
 @sharing_workers
@@ -107,25 +105,14 @@ def mark_file(
         Nothing is written then, unless it is what was written that cannot be verified, or its
         source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
-    if deliver and frames is not None:
-        raise UsageError("--deliver with --frames would deliver the other frames unmarked")
-    if allow_unmarked and not deliver:
-        raise UsageError("--allow-unmarked is for --deliver only")
-    if keep_metadata and not deliver:
-        raise UsageError("--keep-metadata is for --deliver only")
-    target = Path(output)
+    _require_sensible(deliver, frames, allow_unmarked, keep_metadata)
+    target, recipe = Path(output), recipe or Recipe()
     recipient = None if recipient is None else recipient_name(recipient)
-    recipe = recipe or Recipe()
     original = read(source, prims) if trusted else read_isolated(source, prims, textures=True)
     check_output(target, original, deliver)
     write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
     others = unasked(read(source, isolated=not trusted), prims) if deliver and prims else ()
-    markable = split_fit(original)
-    if deliver:
-        require_allowed(markable, allow_unmarked)
-        require_extent(markable, allow_unmarked)
-    else:
-        markable = split_in_place(markable)
+    markable = _markable(original, deliver, allow_unmarked)
     files = source_digests(original)
     with nullcontext() if dry_run else held(target):
         marked = embed(
@@ -145,7 +132,7 @@ def mark_file(
         document: dict[str, Any] = {
             "format": FORMAT,
             "meshmark": __version__,
-            "source": _source(original, files, target),
+            "source": describe_source(original, files, target),
             "output": target.name,
             "delivered": deliver,
             "key_id": key.id,
@@ -155,75 +142,69 @@ def mark_file(
             "skipped": [{"prim": each.prim, "reason": each.reason} for each in skipped],
         }
         require_unchanged(files)
-        with nullcontext() if dry_run else announced(document, target):
-            delivery = None if dry_run else write(complete(marked))
+
+        def verified(written: Asset) -> Verdict:
+            told = _stage(progress, "verify")
+            return _verify(written, key, recipe, frames, recipient, jobs=jobs, progress=told)
+
+        if dry_run:
+            document |= describe_marks(marked, verified(marked.asset), jobs=jobs)
+            return Manifest(document)
+        with announced(document, target):
+            delivery = write(marked.asset)
             if delivery is not None:
                 document["delivery"] = delivery.as_json()
-            # Nobody smoothed what was written just now, or joined anything to it.
-            evidence = gather(
-                marked.asset if dry_run else reread(marked, target),
-                recipes=[recipe],
-                frames=frames,
-                restored=False,
-                parts=False,
-                jobs=jobs,
-                progress=_stage(progress, "verify"),
-            )
-            recipients = [] if recipient is None else [recipient]
-            verdict = judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
-            document["prims"] = _prims(marked, verdict, jobs)
-            document["verification"] = {
-                "verdict": verdict.verdict,
-                "log10_p": verdict.log10_p,
-                "fpr": TARGET_FPR,
-            }
-            if dry_run:
-                return Manifest(document)
+            written = read_back(original, target, [mesh.original.prim for mesh in marked.meshes])
+            document |= describe_marks(marked, verified(written), jobs=jobs)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
-            path = manifest_path(target)
-            write_json(document, path)
-            return Manifest(document, path)
+            write_json(document, manifest_path(target))
+            return Manifest(document, manifest_path(target))
 
 
-def _source(original: Asset, files: Sequence[tuple[str, str]], target: Path) -> dict[str, Any]:
-    folder = target.parent.resolve()
-    return {
-        "path": Path(os.path.relpath(original.source, folder)).as_posix(),
-        "files": file_hashes(files, folder),
-    }
+def _require_sensible(
+    deliver: bool, frames: str | None, allow_unmarked: Sequence[str], keep_metadata: bool
+) -> None:
+    if deliver and frames is not None:
+        raise UsageError("--deliver with --frames would deliver the other frames unmarked")
+    if allow_unmarked and not deliver:
+        raise UsageError("--allow-unmarked is for --deliver only")
+    if keep_metadata and not deliver:
+        raise UsageError("--keep-metadata is for --deliver only")
 
 
-def _prims(marked: MarkedAsset, verdict: Verdict, jobs: int) -> list[dict[str, Any]]:
-    verdicts = {prim.prim: prim for prim in verdict.prims}
-    return [
-        _prim(marked.original, mesh, verdicts.get(mesh.animation.prim), jobs)
-        for mesh in marked.meshes
-    ]
+def _markable(original: Asset, deliver: bool, allow_unmarked: Sequence[str]) -> Asset:
+    """Leave out what cannot be marked; refuse to deliver what nobody allowed to go unmarked."""
+    markable = split_fit(original)
+    if not deliver:
+        return split_in_place(markable)
+    require_allowed(markable, allow_unmarked)
+    require_extent(markable, allow_unmarked)
+    return markable
 
 
-def _prim(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int) -> dict[str, Any]:
-    first, chosen = mesh.original[0], mesh.embedded.frames
-    uv = texture_coordinates(asset, mesh.original.prim)
-    found = distortion(
-        mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv, jobs=jobs
+def _verify(
+    written: Asset,
+    key: Key,
+    recipe: Recipe,
+    frames: str | None,
+    recipient: str | None,
+    *,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> Verdict:
+    """Verify blindly what was written just now: nobody smoothed it, or joined anything to it."""
+    evidence = gather(
+        written,
+        recipes=[recipe],
+        frames=frames,
+        restored=False,
+        parts=False,
+        jobs=jobs,
+        progress=progress,
     )
-    told = None if verdict is None else verdict.as_json()
-    kept = ("verdict", "log10_p", "chips", "ber")
-    return {
-        "prim": mesh.animation.prim,
-        "notes": list(mesh.animation.notes),
-        "points": first.topology.n_points,
-        "faces": len(first.topology.counts),
-        "frames": len(mesh.original),
-        "marked_frames": len(chosen),
-        "passed_over": [
-            {"time": number(time), "reason": error.message} for time, error in mesh.passed_over
-        ],
-        "carriers": mesh.embedded.carriers,
-        "distortion": {name: number(value) for name, value in vars(found).items()},
-        "verification": None if told is None else {name: told[name] for name in kept},
-    }
+    recipients = [] if recipient is None else [recipient]
+    return judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
 
 
 def _stage(progress: StageProgress | None, stage: str) -> MeshProgress | None:

@@ -1,17 +1,16 @@
-"""What is written: is there a place for it, is it whole, and what does it read back as."""
+"""Whether there is a place for an output, asked before any work is done."""
 
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
-from meshmark.embedding.asset import MarkedAsset
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.places import assets_folder, require_apart, require_names_fit
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import LAYER_SUFFIXES, files_in_reach, read
+from meshmark.sources.facts import files_in_reach
+from meshmark.usd.names import LAYER_SUFFIXES
 
 
 def check_output(target: Path, source: str | Path | Asset, deliver: bool) -> None:
@@ -70,29 +69,3 @@ def _joins(target: Path, source: Path) -> bool:
         kinds = {file.suffix.lower() for file in source.iterdir()}
         return target.parent.resolve() == source.resolve() and target.suffix.lower() in kinds - {""}
     return not source.exists() and target.absolute().match(str(source.absolute()))
-
-
-def complete(marked: MarkedAsset) -> Asset:
-    """Return the marked meshes, and for a source that cannot be layered over, all others too."""
-    if marked.original.reader == "usd":
-        return marked.asset
-    by_prim = {mesh.original.prim: mesh.animation for mesh in marked.meshes}
-    meshes = tuple(by_prim.get(mesh.prim, mesh) for mesh in marked.original.meshes)
-    return replace(marked.original, meshes=meshes)
-
-
-def reread(marked: MarkedAsset, target: Path) -> Asset:
-    """Read the marked meshes from where they were written, under the names they came with.
-
-    A source that is no stage may hold names that are no prim paths: its meshes are written in
-    order, and found again by it.
-    """
-    prims = [mesh.animation.prim for mesh in marked.meshes]
-    if marked.original.reader == "usd":
-        return read(target, prims)
-    asset = read(target)
-    named = [
-        replace(written, prim=source.prim)
-        for written, source in zip(asset.meshes, marked.original.meshes, strict=True)
-    ]
-    return replace(asset, meshes=tuple(mesh for mesh in named if mesh.prim in prims))

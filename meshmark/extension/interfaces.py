@@ -16,7 +16,11 @@ from meshmark.mesh.asset import Asset
 
 @runtime_checkable
 class Reader(Protocol):
-    """Reads one kind of source into an `Asset`, and may write it back."""
+    """Reads one kind of source into an `Asset`, and may write it back.
+
+    This is what it must have. It may have `files`, `files_in_reach` and `texture_coordinates` of
+    `SourceReader`, too.
+    """
 
     def accepts(self, source: str) -> bool:
         """Tell, from the name and a glance at the folder, whether this reader is meant."""
@@ -41,6 +45,42 @@ class Reader(Protocol):
 
         Nothing but positions may change, and nothing half-written may be left behind.
         """
+        ...
+
+
+class SourceReader(Reader, Protocol):
+    """All that is asked of a reader; what a plugin's leaves out, the core does its own way."""
+
+    def read(self, source: str, prims: Sequence[str] = ()) -> Asset:
+        """Read the meshes named, or every mesh of the source."""
+        ...
+
+    def files(self, source: str) -> list[Path]:
+        """List the files the source consists of, sorted.
+
+        They are hashed. Without it, they are all files of a folder, or those of a pattern.
+        """
+        ...
+
+    def files_in_reach(self, source: str) -> list[Path]:
+        """List every file the source could use, whatever is selected; none if it is missing.
+
+        They are never written to. Without it, they are the files of a folder, or of a pattern.
+        """
+        ...
+
+    def texture_coordinates(self, source: str, prim: str) -> FloatArray | None:
+        """Read the texture coordinates of a mesh, if it has any and the reader reads them.
+
+        Returns
+        -------
+        (F, 3, 2) float64 or None
+            For each corner of each triangle.
+        """
+        ...
+
+    def written_names(self, original: Asset) -> dict[str, str]:
+        """Map the name of each mesh of an asset to its name in what `write` makes of it."""
         ...
 
 

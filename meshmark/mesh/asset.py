@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -40,11 +41,11 @@ class SourceFacts(Protocol):
 
     @property
     def reach(self) -> tuple[str, ...]:
-        """Every file it could use; see `meshmark.sources.readers.files_in_reach`."""
+        """Every file it could use; see `meshmark.sources.facts.files_in_reach`."""
         ...
 
     def texture_coordinates(self, prim: str) -> FloatArray | None:
-        """Return those of a mesh; see `meshmark.sources.readers.texture_coordinates`."""
+        """Return those of a mesh; see `meshmark.sources.facts.texture_coordinates`."""
         ...
 
 
@@ -102,6 +103,18 @@ class Asset:
                 return animation
         known = ", ".join(animation.prim for animation in self.meshes[:10])
         raise UsageError(f"no mesh at {prim}; there is {known}", source=self.source)
+
+    def with_meshes(self, meshes: Iterable[MeshAnimation]) -> Asset:
+        """Return it with some of its meshes exchanged for others of the same prims.
+
+        Raises
+        ------
+        UsageError
+            If it has no mesh of that prim.
+        """
+        by_prim = {self.mesh(mesh.prim).prim: mesh for mesh in meshes}
+        new = tuple(by_prim.get(mesh.prim, mesh) for mesh in self.meshes)
+        return replace(self, meshes=new)
 
 
 def as_asset(animation: MeshAnimation) -> Asset:

@@ -10,7 +10,7 @@ from pathlib import Path
 from meshmark.errors import InputError
 from meshmark.files.atomic import opened
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import source_files
+from meshmark.sources.facts import source_files
 
 CHUNK = 1 << 24  # bytes of a file that are hashed at a time
 

@@ -16,8 +16,8 @@ from pxr import Sdf, Tf, Vt
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.atomic import beside
 from meshmark.usd.diagnostics import caught, reason
+from meshmark.usd.names import LAYER_SUFFIXES
 
-SUFFIXES = (".usd", ".usda", ".usdc")
 # A crate layer drops from memory what is saved; each save adds about a kilobyte, and the list of
 # sample times, to the file.
 BATCH_BYTES = 4 << 20
@@ -116,8 +116,8 @@ def replacing(output: Path, companion: Path | None = None) -> Iterator[Path]:
     OutputError
         If the place cannot be written to.
     """
-    if output.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"must end in one of {', '.join(SUFFIXES)}", source=output)
+    if output.suffix.lower() not in LAYER_SUFFIXES:
+        raise UsageError(f"must end in one of {', '.join(LAYER_SUFFIXES)}", source=output)
     with beside(output) as place:
         yield place
         with ExitStack() as undo:

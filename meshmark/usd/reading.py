@@ -15,6 +15,7 @@ from meshmark.mesh.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import local_points, sample_times, shapes
+from meshmark.usd.names import READER
 from meshmark.usd.opening import open_stage
 from meshmark.usd.prims import (
     hidden_prototypes,
@@ -25,7 +26,6 @@ from meshmark.usd.prims import (
     notes,
 )
 
-READER = "usd"
 NOT_DEFINED = "not defined, and shown by a point instancer all the same"
 
 

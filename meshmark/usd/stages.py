@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.topology import Topology
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
+from meshmark.usd.names import READER
+from meshmark.usd.reading import read_stage
 
 NAMELESS = "Mesh"
 
@@ -40,14 +43,33 @@ def write_stage(asset: Asset, output: Path) -> None:
     """
     with new_layer(output) as target:
         _describe(target.layer, asset)
-        taken: set[Sdf.Path] = set()
-        for mesh in asset.meshes:
-            path = _free(_valid(mesh.prim), taken)
-            taken.add(path)
+        paths = stage_paths(asset)
+        for path, mesh in zip(paths, asset.meshes, strict=True):
             _write_mesh(target, path, mesh)
-        if taken:
-            first = _valid(asset.meshes[0].prim).GetPrefixes()[0]
-            target.layer.defaultPrim = first.name
+        if paths:
+            target.layer.defaultPrim = paths[0].GetPrefixes()[0].name
+
+
+def stage_paths(asset: Asset) -> list[Sdf.Path]:
+    """List the path that `write_stage` gives each mesh: a valid one, and each its own."""
+    taken: dict[Sdf.Path, None] = {}
+    for mesh in asset.meshes:
+        taken[_free(_valid(mesh.prim), taken)] = None
+    return list(taken)
+
+
+def as_stage(asset: Asset, place: Path) -> Asset:
+    """Return an asset of a stage as it is, and any other as written to `place` and read back.
+
+    Raises
+    ------
+    OutputError
+        See `write_stage`.
+    """
+    if asset.reader == READER:
+        return asset
+    write_stage(asset, place)
+    return read_stage(str(place))
 
 
 def _describe(layer: Sdf.Layer, asset: Asset) -> None:
@@ -107,7 +129,7 @@ def _valid(prim: str) -> Sdf.Path:
     return path
 
 
-def _free(path: Sdf.Path, taken: set[Sdf.Path]) -> Sdf.Path:
+def _free(path: Sdf.Path, taken: Container[Sdf.Path]) -> Sdf.Path:
     free, n = path, 2
     while free in taken:
         free = path.ReplaceName(f"{path.name}_{n}")

@@ -19,7 +19,7 @@ from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import write
+from meshmark.sources.writing import write
 from meshmark.testing.meshes import dumbbell
 from meshmark.testing.schemas import schema_folder
 

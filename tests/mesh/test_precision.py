@@ -21,7 +21,7 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.precision import rounding, rounding_of
-from meshmark.sources.readers import read
+from meshmark.sources.reading import read
 from meshmark.testing.attacks import sphere
 from meshmark.testing.schemas import schema_folder
 

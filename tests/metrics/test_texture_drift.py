@@ -15,7 +15,8 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import as_asset
 from meshmark.metrics import distortion, texture_drift
-from meshmark.sources.readers import read, texture_coordinates
+from meshmark.sources.facts import texture_coordinates
+from meshmark.sources.reading import read
 from meshmark.testing.binned_schemes import swaying
 from meshmark.testing.meshes import plane, revolution
 from usd_stages import CUBE_COUNTS, CUBE_INDICES, cube, write_text

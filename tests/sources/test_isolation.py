@@ -24,9 +24,10 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import source_digests
+from meshmark.sources.facts import texture_coordinates
 from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
-from meshmark.sources.readers import read, texture_coordinates
+from meshmark.sources.reading import read
 from meshmark.testing.meshes import icosphere
 from usd_stages import CUBE_POINTS, cube, sampled, write_text
 

@@ -17,6 +17,7 @@ from typing import Any
 from meshmark.errors import InputError, MeshmarkError, OutputError
 from meshmark.files.temporary import no_room
 from meshmark.sources.digests import sha256
+from meshmark.sources.facts import files_in_reach, source_files
 from meshmark.sources.isolation.frames import ArrayWriter
 from meshmark.sources.isolation.limits import DISK_VARIABLE, Limits
 from meshmark.sources.isolation.report import (
@@ -26,7 +27,7 @@ from meshmark.sources.isolation.report import (
     describe_asset,
     describe_error,
 )
-from meshmark.sources.readers import files_in_reach, read, source_files
+from meshmark.sources.readers import open_source
 
 
 class Reading:
@@ -61,7 +62,7 @@ class Reading:
 
     def _read(self) -> dict[str, Any]:
         before = self._digests()
-        asset = read(self._source, self._prims)
+        asset = open_source(self._source, self._prims)
         self.beat()
         try:
             with (self._folder / ARRAYS).open("wb") as file:

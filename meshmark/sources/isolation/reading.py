@@ -25,7 +25,7 @@ from meshmark.sources.isolation.report import (
     asset_from,
     error_from,
 )
-from meshmark.sources.readers import is_stage
+from meshmark.usd.reader import UsdReader
 
 PROGRAM = "meshmark.sources.isolation.child"
 COMPLAINTS = "stderr"
@@ -164,7 +164,7 @@ def _listen(descriptor: int, said: queue.SimpleQueue[bytes]) -> None:
 
 def _death(code: int, folder: Path, source: str) -> str:
     """Say how the process ended."""
-    reader = "the USD library" if is_stage(source) else "its reader"
+    reader = "the USD library" if UsdReader().accepts(source) else "its reader"
     if code == -getattr(signal, "SIGKILL", 0):
         return "the process that reads it was killed, as when memory runs out"
     if code < 0:

@@ -21,6 +21,7 @@ from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.topology import Topology
+from meshmark.sources.facts import texture_coordinates
 from meshmark.sources.isolation.frames import (
     ArrayWriter,
     IsolatedFrames,
@@ -28,7 +29,6 @@ from meshmark.sources.isolation.frames import (
     read_integers,
     require_within,
 )
-from meshmark.sources.readers import texture_coordinates
 
 Files = tuple[tuple[str, str], ...]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
-from meshmark.sources.readers import read
+from meshmark.sources.reading import read
 from meshmark_plugins.attacks.parameters import choice
 
 

@@ -15,7 +15,7 @@ from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.topology import Topology
 from meshmark.metrics import distortion
-from meshmark.sources.readers import read
+from meshmark.sources.reading import read
 from meshmark.testing.meshes import icosphere
 from meshmark_plugins.schemes.cho2007.norms import bin_norms
 from meshmark_plugins.schemes.cho2007.power import exponents

@@ -1,0 +1,80 @@
+"""What the manifest of a marked file tells: the source, and each mesh, as JSON values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from meshmark.detection.verdict import PrimVerdict, Verdict
+from meshmark.embedding.asset import MarkedAsset, MarkedMesh
+from meshmark.files.atomic import number
+from meshmark.mesh.asset import Asset
+from meshmark.metrics import distortion
+from meshmark.sources.digests import file_hashes
+from meshmark.sources.facts import texture_coordinates
+
+# The false positive rate that what was written is verified at.
+TARGET_FPR = 1e-6
+
+
+def describe_source(
+    original: Asset, files: Sequence[tuple[str, str]], output: Path
+) -> dict[str, Any]:
+    """Name a source and its hashed files relative to the folder of an output."""
+    folder = output.parent.resolve()
+    return {
+        "path": Path(os.path.relpath(original.source, folder)).as_posix(),
+        "files": file_hashes(files, folder),
+    }
+
+
+def describe_marks(marked: MarkedAsset, verdict: Verdict, *, jobs: int) -> dict[str, Any]:
+    """Tell of each marked mesh how far it was moved, and what verification says of it.
+
+    Parameters
+    ----------
+    marked : MarkedAsset
+        As it was marked; its original as it was read.
+    verdict : Verdict
+        On what was written, at `TARGET_FPR`.
+    jobs : int
+        Worker processes.
+    """
+    verdicts = {prim.prim: prim for prim in verdict.prims}
+    return {
+        "prims": [
+            _mesh(marked.original, mesh, verdicts.get(mesh.animation.prim), jobs)
+            for mesh in marked.meshes
+        ],
+        "verification": {
+            "verdict": verdict.verdict,
+            "log10_p": verdict.log10_p,
+            "fpr": TARGET_FPR,
+        },
+    }
+
+
+def _mesh(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int) -> dict[str, Any]:
+    first, chosen = mesh.original[0], mesh.embedded.frames
+    uv = texture_coordinates(asset, mesh.original.prim)
+    found = distortion(
+        mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv, jobs=jobs
+    )
+    told = None if verdict is None else verdict.as_json()
+    kept = ("verdict", "log10_p", "chips", "ber")
+    return {
+        "prim": mesh.animation.prim,
+        "notes": list(mesh.animation.notes),
+        "points": first.topology.n_points,
+        "faces": len(first.topology.counts),
+        "frames": len(mesh.original),
+        "marked_frames": len(chosen),
+        "passed_over": [
+            {"time": number(time), "reason": error.message} for time, error in mesh.passed_over
+        ],
+        "carriers": mesh.embedded.carriers,
+        "distortion": {name: number(value) for name, value in vars(found).items()},
+        "verification": None if told is None else {name: told[name] for name in kept},
+    }

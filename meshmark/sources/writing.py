@@ -1,0 +1,93 @@
+"""A marked asset out, and back in: who writes it, and under which names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from meshmark.errors import UsageError
+from meshmark.extension.interfaces import SourceReader
+from meshmark.mesh.asset import Asset
+from meshmark.sources.readers import open_source, reader_called
+from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark.usd.reader import UsdReader
+
+if TYPE_CHECKING:
+    from meshmark.usd.delivery import Delivery
+
+
+def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool = False) -> None:
+    """Write a marked asset beside its original.
+
+    Parameters
+    ----------
+    marked : Asset
+        The marked meshes; those of `original` that are missing here stay as they are.
+    original : Asset
+        As it was read.
+    output : str or Path
+        A USD layer: an override that sublayers a USD source, or a whole stage for any other.
+        Or what the original's own reader writes, such as a folder of OBJ frames.
+    deliver : bool
+        Flatten into one file in which no unmarked point is left.
+
+    Raises
+    ------
+    UsageError
+        If the output's kind does not fit the source.
+    OutputError
+        If it cannot be written; nothing half-written is left.
+    """
+    writer(original, output, deliver=deliver)(marked)
+
+
+def writer(
+    original: Asset, output: str | Path, *, deliver: bool = False, keep_metadata: bool = False
+) -> Callable[[Asset], Delivery | None]:
+    """Return what `write` would call with the marked asset, so that a bad output is known early.
+
+    Raises
+    ------
+    UsageError
+        If the output's kind does not fit the source.
+    """
+    path, usd = Path(output), UsdReader()
+    if deliver and usd.writes(path):
+        return partial(usd.deliver, original=original, output=path, keep_metadata=keep_metadata)
+    reader = _writing_reader(original, path)
+    if not reader.writes(path):
+        raise UsageError(
+            f"the {original.reader} reader cannot write to {str(output)!r}; "
+            f"{', '.join(LAYER_SUFFIXES)} always can be"
+        )
+    return partial(reader.write, original=original, output=path)
+
+
+def written_names(original: Asset, output: str | Path) -> dict[str, str]:
+    """Map the name of each mesh of an asset to its name in what `write` makes of it.
+
+    A source that is no stage may hold names that are no prim paths.
+    """
+    return _writing_reader(original, Path(output)).written_names(original)
+
+
+def read_back(original: Asset, output: str | Path, prims: Sequence[str]) -> Asset:
+    """Read meshes of an asset from where `write` put them, under the names they came with.
+
+    Raises
+    ------
+    InputError
+        If what was written cannot be read.
+    """
+    names = written_names(original, output)
+    written = open_source(str(output), [names[prim] for prim in prims])
+    named = zip(written.meshes, prims, strict=True)
+    return replace(written, meshes=tuple(replace(mesh, prim=prim) for mesh, prim in named))
+
+
+def _writing_reader(original: Asset, output: Path) -> SourceReader:
+    usd = UsdReader()
+    return usd if usd.writes(output) else reader_called(original.reader)

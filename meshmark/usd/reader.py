@@ -1,0 +1,87 @@
+"""The reader of USD's own files; pxr is imported when one is read or written, not before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from meshmark.arrays import FloatArray
+from meshmark.mesh.asset import Asset
+from meshmark.usd.names import LAYER_SUFFIXES, READER, STAGE_SUFFIXES
+
+if TYPE_CHECKING:
+    from meshmark.usd.delivery import Delivery
+
+
+class UsdReader:
+    """Reads stages; writes layers over them, and assets of any origin as new stages."""
+
+    def accepts(self, source: str) -> bool:
+        """Tell whether the source is called as USD's files are."""
+        return source.lower().endswith(STAGE_SUFFIXES)
+
+    def read(self, source: str, prims: Sequence[str] = ()) -> Asset:
+        """Read the meshes of a stage; see `meshmark.usd.reading.read_stage`."""
+        from meshmark.usd.reading import read_stage
+
+        return read_stage(source, list(prims) or None)
+
+    def files(self, source: str) -> list[Path]:
+        """List the files a stage is composed from, sorted."""
+        from meshmark.usd.opening import stage_files
+
+        return sorted(stage_files(source))
+
+    def files_in_reach(self, source: str) -> list[Path]:
+        """List every file a stage names, itself first; none if it is missing."""
+        from meshmark.usd.reach import files_in_reach
+
+        return files_in_reach(source) if Path(source).is_file() else []
+
+    def texture_coordinates(self, source: str, prim: str) -> FloatArray | None:
+        """Read those of a mesh; see `meshmark.usd.texture_coordinates`."""
+        from meshmark.usd.texture_coordinates import read_texture_coordinates
+
+        return read_texture_coordinates(source, prim)
+
+    def writes(self, output: Path) -> bool:
+        """Tell whether the output is called as a layer is."""
+        return output.suffix.lower() in LAYER_SUFFIXES
+
+    def write(self, marked: Asset, original: Asset, output: Path) -> None:
+        """Write a layer over the original's stage; or a new stage, if it is none."""
+        if original.reader == READER:
+            from meshmark.usd.writing import write_override
+
+            write_override(original, marked, output)
+        else:
+            from meshmark.usd.stages import write_stage
+
+            write_stage(original.with_meshes(marked.meshes), output)
+
+    def deliver(
+        self, marked: Asset, original: Asset, output: Path, *, keep_metadata: bool = False
+    ) -> Delivery | None:
+        """Write one file in which no unmarked point is left.
+
+        Returns
+        -------
+        Delivery or None
+            What was done to the original's stage beyond marking it; None if it is none.
+        """
+        if original.reader == READER:
+            from meshmark.usd.delivery import write_flattened
+
+            return write_flattened(original, marked, output, keep_metadata=keep_metadata)
+        self.write(marked, original, output)
+        return None
+
+    def written_names(self, original: Asset) -> dict[str, str]:
+        """Map each mesh's path in the original to its path in what is written."""
+        if original.reader == READER:
+            return {mesh.prim: mesh.prim for mesh in original.meshes}
+        from meshmark.usd.stages import stage_paths
+
+        paths = map(str, stage_paths(original))
+        return dict(zip((mesh.prim for mesh in original.meshes), paths, strict=True))
