@@ -22,6 +22,8 @@ OF_POSE = 4
 NEAR = 0.05
 ITERATIONS = 40
 SCALES = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)
+# Below it, squares underflow.
+NO_SIZE = 1e-150
 
 
 def find_cloud(
@@ -76,8 +78,10 @@ def _alignments(
     to_world: Callable[[float], FloatArray] | None,
 ) -> list[tuple[int, FloatArray]]:
     """Return the most promising poses and maps (4, 3) from the shape to the cloud, best first."""
-    tree = cKDTree(distinct)
     size = np.linalg.norm(np.ptp(distinct, axis=0))
+    if size < NO_SIZE:
+        return []
+    tree = cKDTree(distinct)
     cloud_frames = frames_of(distinct)
     scored: list[tuple[float, int, FloatArray]] = []
 

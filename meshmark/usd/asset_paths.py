@@ -12,8 +12,8 @@ import numpy as np
 from pxr import Ar, Sdf, Usd, UsdUtils
 
 from meshmark.files.places import assets_folder
-from meshmark.usd.layers import sublayer_path
-from meshmark.usd.metadata import file_name
+from meshmark.usd.layers import set_value, sublayer_path, value_at
+from meshmark.usd.metadata import file_name, paths_of
 from meshmark.usd.unpacking import UDIM, Unpacking
 
 
@@ -108,26 +108,19 @@ def _anchor_tiles(layer: Sdf.Layer, stage: Usd.Stage) -> None:
             continue
         found = [Sdf.AssetPath(_found(each, author.layer)) for each in paths]
         new = found[0] if isinstance(value, Sdf.AssetPath) else Sdf.AssetPathArray(found)
-        if np.isnan(time):
-            layer.GetAttributeAtPath(path).default = new
-        else:
-            layer.SetTimeSample(path, time, new)
+        set_value(layer, path, time, new)
 
 
 def _asset_values(
     layer: Sdf.Layer,
 ) -> Iterator[tuple[Sdf.Path, float, Sdf.AssetPath | Sdf.AssetPathArray]]:
-    paths: list[Sdf.Path] = []
-    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     types = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
-    for path in filter(Sdf.Path.IsPrimPropertyPath, paths):
+    for path in filter(Sdf.Path.IsPrimPropertyPath, paths_of(layer)):
         attribute = layer.GetAttributeAtPath(path)
         if attribute is None or attribute.typeName not in types:
             continue
-        if isinstance(attribute.default, Sdf.AssetPath | Sdf.AssetPathArray):
-            yield path, np.nan, attribute.default
-        for time in layer.ListTimeSamplesForPath(path):
-            value = layer.QueryTimeSample(path, time)
+        for time in (np.nan, *layer.ListTimeSamplesForPath(path)):
+            value = value_at(layer, path, time)
             if isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
                 yield path, time, value
 

@@ -47,10 +47,7 @@ class StreamedLayer:
 
     def set(self, attribute: Sdf.AttributeSpec, time: float, value: object, n_bytes: int) -> None:
         """Give an attribute a time sample, or its default if the time is NaN."""
-        if np.isnan(time):
-            attribute.default = value
-        else:
-            self.layer.SetTimeSample(attribute.path, time, value)
+        set_value(self.layer, attribute.path, time, value)
         self._unsaved += n_bytes
         if self._unsaved > BATCH_BYTES and self.layer.GetFileFormat().formatId != "usda":
             self.layer.Save()
@@ -68,6 +65,22 @@ class StreamedLayer:
         """Give an attribute integers at a time, or as its default if the time is NaN."""
         value = Vt.IntArray.FromNumpy(np.ascontiguousarray(integers, dtype=np.int32))
         self.set(attribute, time, value, 4 * integers.size)
+
+
+def value_at(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
+    """Return a time sample of an attribute, or its default if the time is NaN."""
+    if np.isnan(time):
+        attribute = layer.GetAttributeAtPath(path)
+        return None if attribute is None else attribute.default
+    return layer.QueryTimeSample(path, time)
+
+
+def set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, value: Any) -> None:
+    """Give an attribute a time sample, or its default if the time is NaN."""
+    if np.isnan(time):
+        layer.GetAttributeAtPath(path).default = value
+    else:
+        layer.SetTimeSample(path, time, value)
 
 
 def vector_array(vectors: NDArray[np.floating]) -> Any:

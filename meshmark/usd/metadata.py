@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from pxr import Sdf, Usd, Vt
+
+from meshmark.usd.layers import set_value, value_at
 
 TERMS = re.compile(r"copyright|©|\(c\)|licen[cs]|terms[ _-]?of|all rights", re.I)
 PERSONAL = re.compile(
@@ -181,15 +184,11 @@ def _strip_values(attribute: Sdf.AttributeSpec, layer: Sdf.Layer, tell: Tell) ->
     if attribute.typeName not in (types.String, types.StringArray, types.Token, types.TokenArray):
         return
     path = attribute.path
-    if attribute.HasDefaultValue():
-        new = shortened(attribute.default, layer, str(path), tell)
-        if new != attribute.default:
-            attribute.default = new
-    for time in layer.ListTimeSamplesForPath(path):
-        value = layer.QueryTimeSample(path, time)
+    for time in (math.nan, *layer.ListTimeSamplesForPath(path)):
+        value = value_at(layer, path, time)
         new = shortened(value, layer, str(path), tell)
         if new != value:
-            layer.SetTimeSample(path, time, new)
+            set_value(layer, path, time, new)
 
 
 def _is_personal(attribute: Sdf.AttributeSpec) -> bool:

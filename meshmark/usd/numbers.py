@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Vt
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.usd.layers import set_value, value_at
 from meshmark.usd.metadata import fields_of, paths_of
 
 Numbers = NDArray[Any]
@@ -79,7 +80,7 @@ def _rewrite_attribute(layer: Sdf.Layer, attribute: Sdf.AttributeSpec, look: Loo
     if WHICH.fullmatch(attribute.name) and attribute.typeName.type.typeName.startswith("VtArray<i"):
         return set()
     samples = layer.ListTimeSamplesForPath(path)
-    indices = as_numbers(value_at(layer, Sdf.Path(f"{path}:indices"), np.nan))
+    indices = _as_indices(value_at(layer, Sdf.Path(f"{path}:indices"), np.nan))
 
     def look_at(time: float, thorough: bool) -> tuple[Any, set[str]]:
         place = Place(str(path), owner, time, indices, thorough)
@@ -153,20 +154,11 @@ def as_numbers(value: Any) -> Numbers | None:
     return array if array.dtype.kind in "fiu" and array.size else None
 
 
-def value_at(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
-    """Return a time sample of an attribute, or its default if the time is NaN."""
-    if np.isnan(time):
-        attribute = layer.GetAttributeAtPath(path)
-        return None if attribute is None else attribute.default
-    return layer.QueryTimeSample(path, time)
-
-
-def set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, value: Any) -> None:
-    """Give an attribute a time sample, or its default if the time is NaN."""
-    if np.isnan(time):
-        layer.GetAttributeAtPath(path).default = value
-    else:
-        layer.SetTimeSample(path, time, value)
+def _as_indices(value: Any) -> IntArray | None:
+    indices = as_numbers(value)
+    if indices is None or indices.ndim != 1 or indices.dtype.kind not in "iu":
+        return None
+    return indices
 
 
 # Returns an array as it was, with numbers (M, d) float64 in it.

@@ -15,15 +15,13 @@ from meshmark.delivery.clouds import find_cloud
 from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
 from meshmark.usd.geometry import local_points, local_to_world, polygons
-from meshmark.usd.layers import extent, vector_array
+from meshmark.usd.layers import VECTOR_ARRAYS, extent, set_value, value_at, vector_array
 from meshmark.usd.numbers import (
     Numbers,
     Place,
     clouds,
     readings,
     rewrite_numbers,
-    set_value,
-    value_at,
     views,
 )
 
@@ -204,5 +202,7 @@ def _fit_extent(layer: Sdf.Layer, path: str) -> None:
     box = Sdf.Path(path).GetPrimPath().AppendProperty("extent")
     for time in (np.nan, *layer.ListTimeSamplesForPath(path)):
         points = value_at(layer, Sdf.Path(path), time)
-        if points is not None and value_at(layer, box, time) is not None:
+        if not isinstance(points, tuple(VECTOR_ARRAYS.values())) or not points:
+            continue
+        if value_at(layer, box, time) is not None:
             set_value(layer, box, time, vector_array(extent(np.asarray(points))))

@@ -1,18 +1,22 @@
-"""A binary layer may hold values that are not of their field's type: nothing trips over them."""
+"""A layer may hold values of another type than they should have: nothing trips over them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from pxr import Sdf
+from pxr import Sdf, Usd, Vt
+from test_usd_traces import BODY, POINTS, T, stage_of, vec3f
 
 from meshmark.usd.checking import Finding, check_stage
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from usd_stages import cube, moved
 
-# A field of another type whose name is as long, so that the one can be put for the other.
+pytestmark = pytest.mark.filterwarnings("error")
+
+# In a binary layer: a field of another type whose name is as long, to be put for the other.
 SWAPS = {
     "documentation of a layer": ("(startTimeCode = 2)", cube("m"), "startTimeCode"),
     "data of a layer": ("(framesPerSecond = 2)", cube("m"), "framesPerSecond"),
@@ -53,3 +57,45 @@ def test_they_are_found_from_outside(tmp_path: Path, case: str) -> None:
     source, field = odd_layer(tmp_path, case)
     where = "/m" if case.endswith("prim") else "/"
     assert check_stage(str(source)) == [Finding("metadata", where, field)]
+
+
+N = len(POINTS)
+WHICH = np.arange(N, dtype=np.int32)
+INDICES = {
+    "numbers": (T.FloatArray, Vt.FloatArray.FromNumpy(WHICH.astype(np.float32))),
+    "triples": (T.Int3Array, Vt.Vec3iArray.FromNumpy(np.repeat(WHICH[:, None], 3, axis=1))),
+}
+NO_POINTS = {
+    "numbers": (T.FloatArray, Vt.FloatArray.FromNumpy(POINTS.ravel())),
+    "text": (T.String, " ".join(map(str, POINTS.ravel().tolist()))),
+    "quadruples": (T.Float4Array, Vt.Vec4fArray.FromNumpy(np.c_[POINTS, np.ones(N, np.float32)])),
+}
+
+
+def assert_copy_is_moved(stage: Usd.Stage, path: str) -> None:
+    stage.Save()
+    source = Path(stage.GetRootLayer().realPath)
+    original = read_stage(str(source))
+    told = write_flattened(original, moved(original), source.with_name("o.usdc"))
+    assert [each.path for each in told.moved] == [path]
+    assert all(each.kind != "copy" for each in check_stage(str(source)))
+
+
+@pytest.mark.parametrize("kind", INDICES)
+def test_indices_that_are_none(tmp_path: Path, kind: str) -> None:
+    stage = stage_of(tmp_path / "s.usda")
+    body = stage.GetPrimAtPath(BODY)
+    body.CreateAttribute("primvars:rest", T.Point3fArray).Set(vec3f(POINTS))
+    declared, values = INDICES[kind]
+    body.CreateAttribute("primvars:rest:indices", declared).Set(values)
+    assert_copy_is_moved(stage, f"{BODY}.primvars:rest")
+
+
+@pytest.mark.parametrize("kind", NO_POINTS)
+def test_points_of_another_type_beside_an_extent(tmp_path: Path, kind: str) -> None:
+    stage = stage_of(tmp_path / "s.usda")
+    other = stage.DefinePrim("/World/other")
+    declared, values = NO_POINTS[kind]
+    other.CreateAttribute("points", declared).Set(values)
+    other.CreateAttribute("extent", T.Float3Array).Set(vec3f(POINTS[:2]))
+    assert_copy_is_moved(stage, "/World/other.points")
