@@ -142,8 +142,6 @@ class Extraction:
         self._seen: dict[tuple[int, int], int] = {}
         self._spool: DiskList[Observation | None] = DiskList()
         self._bit_threshold = 0.0
-        # How many frames the last look was asked for, and how many of them it passed over.
-        self.asked, self.passed_over = 0, 0
 
     @property
     def restorations(self) -> tuple[int, ...]:
@@ -163,6 +161,12 @@ class Extraction:
             self.reference = reference_frame(self.animation, among)
         return self.reference
 
+    def worth_observing(self, frames: Sequence[int]) -> list[int]:
+        """Leave out frames that are mere blends of their neighbours, where the scheme minds."""
+        if self.scheme.follows_vertices:
+            return list(frames)
+        return own_poses(self.animation, frames)
+
     def look(
         self,
         frames: Sequence[int],
@@ -171,9 +175,7 @@ class Extraction:
     ) -> Evidence:
         """Measure the frames that were not yet, and return the evidence of them all.
 
-        A scheme that does not follow vertices does not observe frames that are mere blends of
-        their neighbours; how many were passed over is kept in `passed_over`. So are frames that
-        cannot be read, which are kept in `unreadable`.
+        Frames that cannot be read are left out, and kept in `unreadable`.
 
         Raises
         ------
@@ -184,9 +186,6 @@ class Extraction:
         """
         wanted = self.restorations if restorations is None else restorations
         self.settle(frames)
-        if not self.scheme.follows_vertices:
-            asked, frames = frames, own_poses(self.animation, frames)
-            self.asked, self.passed_over = len(asked), len(asked) - len(frames)
         frames = self._readable(frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
@@ -302,4 +301,6 @@ def extract(
         If a frame cannot be read.
     """
     chosen = range(len(animation)) if frames is None else frames
-    return Extraction(animation, scheme, scheme_name, jobs=jobs).look(chosen, progress=progress)
+    view = Extraction(animation, scheme, scheme_name, jobs=jobs)
+    view.settle(chosen)
+    return view.look(view.worth_observing(chosen), progress=progress)

@@ -120,6 +120,8 @@ class Survey:
         self._notes: dict[str, list[str]] = {}
         self._unreadable: dict[str, InputError] = {}
         self._reasons: dict[int, CapacityError] = {}
+        # Of the last look by each extraction: frames wanted, and how many were worth observing.
+        self._observed: dict[int, tuple[int, int]] = {}
         self._has_read = False
 
     def evidence(
@@ -131,7 +133,10 @@ class Survey:
             if tell is not None:
                 # A frame can take long: what it belongs to is to be known before it is done.
                 tell(0, len(frames))
-            found = view.look(frames, restorations, tell)
+            view.settle(frames)
+            poses = view.worth_observing(frames)
+            self._observed[id(view)] = len(frames), len(poses)
+            found = view.look(poses, restorations, tell)
         except CapacityError as error:
             self._has_read = True
             self._reasons[id(view)] = error
@@ -149,10 +154,11 @@ class Survey:
         # What parts cannot hold is nothing that the mesh they belong to could not.
         if reason is not None and not view.candidate.part:
             self._note(view, reason.message)
-        if view.passed_over:
+        wanted, observed = self._observed.get(id(view), (0, 0))
+        if observed < wanted:
             self._note(
                 view,
-                f"{view.passed_over} of {view.asked} frames are blends of those beside them, "
+                f"{wanted - observed} of {wanted} frames are blends of those beside them, "
                 "and were passed over",
             )
         if not view.candidate.part:
