@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from meshmark.detection.candidates import Candidate, candidates
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
+from meshmark.detection.looks import EVERYTHING, Look
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.animation import MeshAnimation
@@ -80,43 +81,47 @@ def gather(
         If no frame of any mesh can be read.
     """
     start = time.perf_counter()
-    whole = asset if isinstance(asset, Asset) else as_asset(asset)
-    tried = tuple(recipes) or all_schemes()
-    whole, beyond = in_range(whole, frames)
-    wanted = candidates(whole) if parts else [Candidate(mesh) for mesh in whole.meshes]
-    # Groups of frames that agree with each other may lie beyond the range.
-    wanted = [candidate for candidate in wanted if has_frame_in(candidate.animation, frames)]
-    survey = Survey(progress)
-    items: list[Evidence] = []
-    for recipe in tried:
-        for view in extractions(wanted, recipe, jobs):
-            chosen = frames_in(view.animation, frames)
-            restorations = view.restorations if restored else (0,)
-            items += survey.evidence(view, chosen, restorations)
-            survey.conclude(view)
-    elapsed = time.perf_counter() - start
-    unseen = (f"{each.prim}: {each.reason}" for each in beyond)
-    notes = (*whole.notes, *unseen, *survey.told())
-    return AssetEvidence(whole.source, tuple(items), len(tried), notes, elapsed)
-
-
-def extractions(wanted: Sequence[Candidate], recipe: Recipe, jobs: int) -> list[Extraction]:
-    """Get ready to look at candidates by one scheme."""
-    scheme = recipe.build()
-    return [Extraction(candidate, scheme, recipe.scheme, jobs=jobs) for candidate in wanted]
+    survey = Survey(
+        asset, recipes=recipes, frames=frames, parts=parts, jobs=jobs, progress=progress
+    )
+    look = EVERYTHING if restored else replace(EVERYTHING, restored=False)
+    items = survey.evidence(survey.extractions(survey.recipes), look, last=True)
+    notes, elapsed = survey.notes(), time.perf_counter() - start
+    return AssetEvidence(survey.source, tuple(items), len(survey.recipes), notes, elapsed)
 
 
 class Survey:
-    """Looks at one candidate after the other, and keeps what must be said of them.
+    """Looks at what an asset holds, and keeps what must be said of it.
 
     Parameters
     ----------
+    asset : Asset or MeshAnimation
+        The copy.
+    recipes, frames, parts, jobs
+        As `gather` takes them.
     progress : callable, optional
         Called with (prim, frames done, frames in all).
     """
 
-    def __init__(self, progress: MeshProgress | None) -> None:
-        self._progress = progress
+    def __init__(
+        self,
+        asset: Asset | MeshAnimation,
+        *,
+        recipes: Sequence[Recipe],
+        frames: str | None,
+        parts: bool = True,
+        jobs: int,
+        progress: MeshProgress | None,
+    ) -> None:
+        whole = asset if isinstance(asset, Asset) else as_asset(asset)
+        within, left_out = in_range(whole, frames)
+        wanted = candidates(within) if parts else [Candidate(mesh) for mesh in within.meshes]
+        self.source = whole.source
+        self.recipes = tuple(recipes) or all_schemes()
+        # Groups of frames that agree with each other may lie outside the range.
+        self._candidates = [each for each in wanted if has_frame_in(each.animation, frames)]
+        self._frames, self._jobs, self._progress = frames, jobs, progress
+        self._known = (*whole.notes, *(f"{each.prim}: {each.reason}" for each in left_out))
         self._notes: dict[str, list[str]] = {}
         self._unreadable: dict[str, InputError] = {}
         self._reasons: dict[int, CapacityError] = {}
@@ -124,19 +129,60 @@ class Survey:
         self._observed: dict[int, tuple[int, int]] = {}
         self._has_read = False
 
-    def evidence(
-        self, view: Extraction, frames: Sequence[int], restorations: tuple[int, ...]
-    ) -> list[Evidence]:
-        """Measure some frames; nothing where there is nothing to measure."""
+    def extractions(self, recipes: Sequence[Recipe]) -> list[Extraction]:
+        """Get ready to look at every candidate by some of the schemes."""
+        return [
+            Extraction(candidate, scheme, name, jobs=self._jobs)
+            for scheme, name in [(recipe.build(), recipe.scheme) for recipe in recipes]
+            for candidate in self._candidates
+        ]
+
+    def evidence(self, views: Sequence[Extraction], look: Look, *, last: bool) -> list[Evidence]:
+        """Measure what a look shows; what was measured before is not measured again.
+
+        Parameters
+        ----------
+        last : bool
+            Whether the extractions are concluded, too: no look follows.
+        """
+        items: list[Evidence] = []
+        for view in views:
+            items += self._evidence(view, look)
+            if last:
+                self._conclude(view)
+        return items
+
+    def conclude(self, views: Sequence[Extraction]) -> None:
+        """Keep what must be said of candidates by a scheme, when no look follows."""
+        for view in views:
+            self._conclude(view)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return all that must be said.
+
+        Raises
+        ------
+        InputError
+            If nothing at all could be read; the first reason.
+        """
+        errors = list(self._unreadable.values())
+        if errors and not self._has_read:
+            raise errors[0]
+        unread = (f"passed over: {error.without_source()}" for error in errors)
+        said = (f"{_listed(names)}: {text}" for text, names in self._notes.items())
+        return (*self._known, *dict.fromkeys(unread), *said)
+
+    def _evidence(self, view: Extraction, look: Look) -> list[Evidence]:
         try:
-            tell = self._told(view)
+            within = frames_in(view.animation, self._frames)
+            frames = look.chosen(within, view.settle(within))
+            tell = self._teller(view)
             if tell is not None:
                 # A frame can take long: what it belongs to is to be known before it is done.
                 tell(0, len(frames))
-            view.settle(frames)
             poses = view.worth_observing(frames)
             self._observed[id(view)] = len(frames), len(poses)
-            found = view.look(poses, restorations, tell)
+            measured = view.look(poses, view.restorations if look.restored else (0,), tell)
         except CapacityError as error:
             self._has_read = True
             self._reasons[id(view)] = error
@@ -146,15 +192,14 @@ class Survey:
             return []
         self._has_read = True
         self._reasons.pop(id(view), None)
-        return [found]
+        return [measured]
 
-    def conclude(self, view: Extraction) -> None:
-        """Keep what must be said of a candidate by a scheme, when no more is asked of it."""
-        reason = self._reasons.get(id(view))
+    def _conclude(self, view: Extraction) -> None:
+        reason = self._reasons.pop(id(view), None)
         # What parts cannot hold is nothing that the mesh they belong to could not.
         if reason is not None and not view.candidate.part:
             self._note(view, reason.message)
-        wanted, observed = self._observed.get(id(view), (0, 0))
+        wanted, observed = self._observed.pop(id(view), (0, 0))
         if observed < wanted:
             self._note(
                 view,
@@ -168,22 +213,7 @@ class Survey:
     def _note(self, view: Extraction, text: str) -> None:
         self._notes.setdefault(f"{view.name}: {text}", []).append(view.candidate.name)
 
-    def told(self) -> tuple[str, ...]:
-        """Return all that must be said.
-
-        Raises
-        ------
-        InputError
-            If nothing at all could be read; the first reason.
-        """
-        errors = list(self._unreadable.values())
-        if errors and not self._has_read:
-            raise errors[0]
-        unread = (f"passed over: {error.without_source()}" for error in errors)
-        said = (f"{_listed(names)}: {text}" for text, names in self._notes.items())
-        return (*dict.fromkeys(unread), *said)
-
-    def _told(self, view: Extraction) -> Callable[[int, int], None] | None:
+    def _teller(self, view: Extraction) -> Callable[[int, int], None] | None:
         if self._progress is None:
             return None
         return partial(self._progress, f"{view.candidate.name} by {view.name}")

@@ -1,4 +1,4 @@
-"""Verifies an asset: evidence from every mesh by every scheme asked for, then the verdict."""
+"""Verifies an asset: looks that grow while they do not decide, each with its verdict."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from meshmark.detection.gathering import AssetEvidence, gather
-from meshmark.detection.looks import verify_in_looks
-from meshmark.detection.verdict import Verdict, decide, without_weight
+from meshmark.detection.extraction import Extraction
+from meshmark.detection.gathering import AssetEvidence, Survey
+from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
+from meshmark.detection.verdict import Verdict, decide, together, without_weight
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -43,7 +44,8 @@ def verify(
         Schemes to try, with the parameters they were embedded with; by default every scheme
         there is, with its defaults.
     recipients : sequence of str
-        Names to try beside the owner's own mark, in every form of `spellings`; each is paid for.
+        Names to try beside the owner's own mark, in every form of `spellings`; each is
+        corrected for.
     frames : str, optional
         Range A:B[:S] of time codes to look at, all by default; or "auto", for few frames
         first and more only while they do not decide.
@@ -54,19 +56,47 @@ def verify(
     ------
     InputError
         If no frame of any mesh can be read.
+
+    Notes
+    -----
+    With "auto" the looks are fixed beforehand, and share the false-positive rate; so do the
+    schemes, tried one after the other. Where several recipients are asked for, a marked copy is
+    looked at whole, so that all who are in it are named.
     """
-    if frames == AUTO:
-        return verify_in_looks(
-            asset,
+    start = time.perf_counter()
+    survey = Survey(asset, recipes=recipes, frames=frames, jobs=jobs, progress=progress)
+    names = spellings(recipients)
+    looks, one_by_one = (LOOKS, True) if frames == AUTO else ((EVERYTHING,), False)
+
+    def judged(views: Sequence[Extraction], look: Look) -> Verdict:
+        return decide(
+            survey.source,
+            survey.evidence(views, look, last=look is looks[-1]),
             key,
-            recipes=recipes,
-            recipients=recipients,
+            recipients=names,
             fpr=fpr,
-            jobs=jobs,
-            progress=progress,
+            n_schemes=len(survey.recipes),
+            share=look.share,
         )
-    evidence = gather(asset, recipes=recipes, frames=frames, jobs=jobs, progress=progress)
-    return judge_all(evidence, key, recipients=recipients, fpr=fpr)
+
+    best: Verdict | None = None
+    for tried in [(recipe,) for recipe in survey.recipes] if one_by_one else [survey.recipes]:
+        views = survey.extractions(tried)
+        for look in looks:
+            verdict = judged(views, look)
+            if best is None or _better(verdict, best):
+                best = verdict
+            if verdict.verdict == "marked":
+                break
+        assert best is not None
+        if look is not looks[-1]:
+            if len(names) > 1:
+                best = together(best, judged(views, NAMING))
+            survey.conclude(views)
+        if best.verdict == "marked":
+            break
+    assert best is not None
+    return replace(best, elapsed_s=time.perf_counter() - start, notes=survey.notes())
 
 
 def judge_all(
@@ -86,3 +116,11 @@ def judge_all(
     elapsed = evidence.elapsed_s + time.perf_counter() - start
     verdict = replace(verdict, elapsed_s=elapsed)
     return verdict if evidence.authenticated else without_weight(verdict)
+
+
+def _better(new: Verdict, old: Verdict) -> bool:
+    """Prefer the lower p; "not marked", which needs more evidence, to "inconclusive"."""
+    if new.log10_p != old.log10_p:
+        return new.log10_p < old.log10_p
+    # Of equals the later one, which has seen more.
+    return new.verdict == old.verdict or old.verdict == "inconclusive"

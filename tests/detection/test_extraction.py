@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from meshmark.detection.evidence import in_steps
 from meshmark.detection.extraction import Extraction, extract
 from meshmark.detection.hypothesis_test import judge
-from meshmark.detection.looks import LOOKS, verify_in_looks
+from meshmark.detection.looks import LOOKS
 from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
@@ -218,7 +218,7 @@ def test_looks_share_the_rate_and_the_last_sees_everything() -> None:
 def test_a_look_spreads_over_the_frames_there_are(n_frames) -> None:
     before: set[int] = set()
     for look in LOOKS:
-        frames = look.chosen(n_frames)
+        frames = look.chosen(range(n_frames), 0)
         count = n_frames if look.frames is None else min(look.frames, n_frames)
         assert len(frames) >= count
         assert frames == sorted(set(frames))
@@ -232,16 +232,16 @@ def test_a_look_spreads_over_the_frames_there_are(n_frames) -> None:
 
 def new_frames(look: int, n_frames: int = 24) -> list[int]:
     """List the frames that a look is the first to see."""
-    earlier = LOOKS[look - 1].chosen(n_frames) if look else []
-    return sorted(set(LOOKS[look].chosen(n_frames)) - set(earlier))
+    earlier = LOOKS[look - 1].chosen(range(n_frames), 0) if look else []
+    return sorted(set(LOOKS[look].chosen(range(n_frames), 0)) - set(earlier))
 
 
 @pytest.mark.parametrize("look", [0, 2, 3, 4])
 def test_more_frames_are_looked_at_only_while_they_do_not_decide(look) -> None:
     scheme = marked_at(new_frames(look), 24)
-    verdict = verify_in_looks(still(24), KEY, recipes=[OracleRecipe(scheme)])
+    verdict = verify(still(24), KEY, recipes=[OracleRecipe(scheme)], frames="auto")
     assert verdict.verdict == "marked"
-    frames = LOOKS[look].chosen(24)
+    frames = LOOKS[look].chosen(range(24), 0)
     assert {time for time, _ in scheme.seen} == set(map(float, frames))
     restorations = scheme.restorations if LOOKS[look].restored else (0,)
     alone = Extraction(still(24), marked_at(new_frames(look), 24), NAME).look(frames, restorations)
@@ -251,7 +251,7 @@ def test_more_frames_are_looked_at_only_while_they_do_not_decide(look) -> None:
 
 def test_looks_and_one_look_give_the_same_answer() -> None:
     for scheme, answer in ((marked_at((0, 1), 3), "marked"), (noise_at(range(3)), "not marked")):
-        looked = verify_in_looks(still(3), KEY, recipes=[OracleRecipe(scheme)])
+        looked = verify(still(3), KEY, recipes=[OracleRecipe(scheme)], frames="auto")
         whole = verify(still(3), KEY, recipes=[OracleRecipe(scheme)])
         auto = verify(still(3), KEY, recipes=[OracleRecipe(scheme)], frames="auto")
         assert looked.verdict == whole.verdict == auto.verdict == answer
@@ -261,11 +261,11 @@ def test_looks_and_one_look_give_the_same_answer() -> None:
 def test_a_scheme_that_sees_nothing_is_paid_for_and_noted() -> None:
     blind = OracleRecipe(noise_at([]), "blind")
     sharp = OracleRecipe(marked_at((0,), 1))
-    alone = verify_in_looks(still(1), KEY, recipes=[sharp])
-    both = verify_in_looks(still(1), KEY, recipes=[blind, sharp])
+    alone = verify(still(1), KEY, recipes=[sharp], frames="auto")
+    both = verify(still(1), KEY, recipes=[blind, sharp], frames="auto")
     assert both.log10_p == pytest.approx(alone.log10_p + np.log10(2), abs=1e-12)
     assert [prim.scheme for prim in both.prims] == [NAME]
     [note] = both.notes
     assert note.startswith("/Ball: blind: no carrier")
-    nothing = verify_in_looks(still(1), KEY, recipes=[blind])
+    nothing = verify(still(1), KEY, recipes=[blind], frames="auto")
     assert (nothing.verdict, nothing.log10_p, nothing.prims) == ("inconclusive", 0.0, ())
