@@ -13,7 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.detection.reference_frame import groups, readable, reference_frame
+from meshmark.detection.reference_frame import EdgeLengths, readable
 from meshmark.errors import CapacityError, InputError
 from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
 from meshmark.mesh.asset import Asset
@@ -54,6 +54,11 @@ class Candidate:
     also: tuple[str, ...] = ()
     reference: int | None = None
 
+    @cached_property
+    def lengths(self) -> EdgeLengths:
+        """By which its reference frame is chosen, the same for all that is asked of it."""
+        return EdgeLengths(self.animation)
+
     @property
     def name(self) -> str:
         """What a person may call it."""
@@ -75,8 +80,8 @@ def candidates(asset: Asset) -> list[Candidate]:
     """
     found = [Candidate(mesh) for mesh in asset.meshes]
     known: list[_Body] = []
-    for mesh in asset.meshes:
-        bodies = _bodies(mesh)
+    for whole_mesh in tuple(found):
+        bodies = _bodies(whole_mesh)
         known += bodies
         if len(bodies) > 1:
             found += [Candidate(body.mesh, body.part, reference=body.reference) for body in bodies]
@@ -115,9 +120,9 @@ class _Body:
     part: str = ""
 
     @classmethod
-    def of(cls, mesh: MeshAnimation, part: str) -> _Body:
+    def of(cls, mesh: MeshAnimation, part: str, lengths: EdgeLengths) -> _Body:
         """Look at a mesh."""
-        reference = reference_frame(mesh, range(len(mesh)))
+        reference = lengths.reference(range(len(mesh)))
         frame = readable(mesh, reference)
         return cls(mesh, reference, frame, Welding.of(frame), part)
 
@@ -137,16 +142,17 @@ class _Body:
         return self.welding.topology.triangles
 
 
-def _bodies(mesh: MeshAnimation) -> list[_Body]:
+def _bodies(candidate: Candidate) -> list[_Body]:
     """Look at a mesh, and where its frames do not agree, at each group that does."""
+    mesh = candidate.animation
     try:
-        apart = groups(mesh)
+        apart = candidate.lengths.groups()
         if len(apart) == 1:
-            return [_Body.of(mesh, "")]
+            return [_Body.of(mesh, "", candidate.lengths)]
         times = [f"{mesh.times[group[0]]:g}" for group in apart]
         return [
-            _Body.of(mesh.select(group), f"{len(group)} frames like frame {time}")
-            for group, time in zip(apart, times, strict=True)
+            _Body.of(some, f"{len(some)} frames like frame {time}", EdgeLengths(some))
+            for some, time in zip(map(mesh.select, apart), times, strict=True)
         ]
     except (InputError, CapacityError):
         # Whatever cannot be looked at is no candidate beside the mesh itself.

@@ -12,7 +12,7 @@ from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.detection.evidence import Evidence, LazySequence, RestoredVariant, in_steps
 from meshmark.detection.interpolated_frames import own_poses
-from meshmark.detection.reference_frame import readable, reference_frame
+from meshmark.detection.reference_frame import readable
 from meshmark.detection.unsmoothing import unsmooth
 from meshmark.errors import CapacityError, InputError, NoLayoutError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
@@ -31,31 +31,48 @@ Observations = tuple[Observation | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Observer:
-    """Measures frame after frame of an animation, each as it stands and restored.
+class Reference:
+    """The frame that the others are compared with; read when it is needed, and then only once.
 
     Parameters
     ----------
     animation : MeshAnimation
         The copy.
+    index : int
+        Its frame.
+    """
+
+    animation: MeshAnimation
+    index: int
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The frame as it stands."""
+        return readable(self.animation, self.index)
+
+    @cached_property
+    def welding(self) -> Welding:
+        """The mesh as analysis sees it, in all frames that share its topology."""
+        return Welding.of(self.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """Measures frame after frame of an animation, each as it stands and restored.
+
+    Parameters
+    ----------
+    reference : Reference
+        Frame of the copy that the others are compared with, where all share its topology.
     scheme : Scheme
         What is measured.
     restorations : tuple of int
         Iterations of smoothing to undo; 0 for the frame as it stands.
-    reference : int
-        Frame that the others are compared with, where all share its topology.
     """
 
-    animation: MeshAnimation
+    reference: Reference
     scheme: Scheme
     restorations: tuple[int, ...]
-    reference: int
-
-    @cached_property
-    def welding(self) -> Welding | None:
-        """The analysed mesh, where all frames share one."""
-        tracked = self.animation.constant_topology
-        return Welding.of(self.animation[self.reference]) if tracked else None
 
     @cached_property
     def references(self) -> dict[int, Frame]:
@@ -66,11 +83,11 @@ class Observer:
         CapacityError
             If there is nothing to analyse in it; NoLayoutError if no frame is analysed then.
         """
+        if not self.reference.animation.constant_topology:
+            return {}
+        frame = self.reference.frame
         try:
-            if self.welding is None:
-                return {}
-            frame = self.animation[self.reference]
-            return {n: self.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+            return {n: self.reference.welding.frame(unsmooth(frame, n)) for n in self.restorations}
         except CapacityError as error:
             raise (
                 NoLayoutError(error.message) if self.scheme.follows_vertices else error
@@ -81,8 +98,10 @@ class Observer:
 
         A frame that cannot be read gives the reason.
         """
+        reference = self.reference
         try:
-            frame = readable(self.animation, index)
+            here = index == reference.index
+            frame = reference.frame if here else readable(reference.animation, index)
         except InputError as error:
             return error
         except CapacityError:
@@ -93,8 +112,8 @@ class Observer:
         try:
             with breakdown_means_no_capacity():
                 reference = self.references.get(restored)
-                analysed = (self.welding or Welding.of(frame)).frame(frame)
-                return self.scheme.observe(analysed, reference)
+                welding = Welding.of(frame) if reference is None else self.reference.welding
+                return self.scheme.observe(welding.frame(frame), reference)
         except NoLayoutError:
             # What the reference lacks, all frames lack.
             raise
@@ -158,7 +177,7 @@ class Extraction:
         """
         if self.reference is None:
             among = range(len(self.animation)) if frames is None else frames
-            self.reference = reference_frame(self.animation, among)
+            self.reference = self.candidate.lengths.reference(among)
         return self.reference
 
     def worth_observing(self, frames: Sequence[int]) -> list[int]:
@@ -185,14 +204,14 @@ class Extraction:
             If none of the frames can be read.
         """
         wanted = self.restorations if restorations is None else restorations
-        self.settle(frames)
+        reference = Reference(self.animation, self.settle(frames))
         frames = self._readable(frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
         done = len(frames) - len(missing)
         try:
             if missing:
-                observer = Observer(self.animation, self.scheme, new, self.settle())
+                observer = Observer(reference, self.scheme, new)
                 for t, observations in zip(
                     missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
                 ):
@@ -205,7 +224,7 @@ class Extraction:
                     if progress is not None:
                         progress(done, len(frames))
             frames = self._readable(frames)
-            variants = tuple(self._strand(frames, n) for n in wanted)
+            variants = tuple(self._variant(frames, n, reference) for n in wanted)
         except CapacityError as error:
             raise CapacityError(
                 error.message, source=self.animation.origin, prim=self.animation.prim
@@ -242,17 +261,19 @@ class Extraction:
             raise self.unreadable[frames[0]]
         return kept
 
-    def _strand(self, frames: Sequence[int], restored: int) -> RestoredVariant | None:
+    def _variant(
+        self, frames: Sequence[int], restored: int, reference: Reference
+    ) -> RestoredVariant | None:
         numbers = [self._seen[t, restored] for t in frames]
         observations = LazySequence(lambda i: self._spool[numbers[i]], len(numbers))
         if all(observation is None for observation in observations):
             return None
-        found = aligned(observations, self._matcher())
+        in_one_order = aligned(observations, self._matcher(reference))
         return RestoredVariant(
             restored=restored,
             log_belief=self._log_belief(restored),
-            log_prior=found.log_prior,
-            frames=found.frames,
+            log_prior=in_one_order.log_prior,
+            frames=in_one_order.frames,
         )
 
     def _keep(self, index: int, restored: int, observation: Observation | None) -> None:
@@ -267,14 +288,13 @@ class Extraction:
         belief = UNTOUCHED if restored == 0 else (1.0 - UNTOUCHED) / others
         return float(np.log(belief))
 
-    def _matcher(self) -> Matcher:
+    def _matcher(self, reference: Reference) -> Matcher:
         if not self.animation.constant_topology:
             return by_looks
         if self.scheme.follows_vertices:
             # Trajectories keep carriers in one order; matching alike ones could only mix them up.
             return in_order
-        reference = self.animation[self.settle()]
-        return by_place(Welding.of(reference).frame(reference).points)
+        return by_place(reference.welding.frame(reference.frame).points)
 
 
 def extract(

@@ -15,7 +15,7 @@ from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import lengths
 
-# Frames that are asked first, and edges that are measured in each.
+# Frames that are sampled, and edges that are measured in each.
 SAMPLED_FRAMES, SAMPLED_EDGES = 12, 1024
 # Poses of one body agree about the length of their edges: the median ratio is nearer to 1 than
 # this, in logarithms, however it bends.
@@ -24,62 +24,76 @@ AGREED = 0.25
 MOST_GROUPS = 4
 
 
-def reference_frame(animation: MeshAnimation, frames: Sequence[int]) -> int:
-    """Choose the frame that most others agree with in the lengths of its edges.
-
-    Of equals the first is chosen; where none agrees with any other, the one whose edges are the
-    shortest beside its size.
+class EdgeLengths:
+    """How long edges are in the frames of an animation; built once, asked many times.
 
     Parameters
     ----------
     animation : MeshAnimation
-        Where its connectivity changes, the first readable frame is chosen.
-    frames : sequence of int
-        Indices to choose among; of many, some evenly spaced ones.
-
-    Raises
-    ------
-    InputError
-        If none of those can be read; the first frame's reason.
+        The frames among which some are asked for are read once.
     """
-    if not animation.constant_topology or len(frames) == 1:
-        return _first_readable(animation, frames)
-    chosen, edges = _measured(animation, _spread(frames))
-    return int(chosen[_most_agreed(edges, _agreement(edges))])
 
+    def __init__(self, animation: MeshAnimation) -> None:
+        self._animation = animation
+        # What was sampled: log lengths of edges by frame, or why it cannot be read.
+        self._sampled: dict[int, FloatArray | InputError] = {}
 
-def groups(animation: MeshAnimation) -> list[list[int]]:
-    """Sort the frames into groups that agree with each other, the largest first.
+    def reference(self, frames: Sequence[int]) -> int:
+        """Choose the frame that most others agree with in the lengths of its edges.
 
-    Parameters
-    ----------
-    animation : MeshAnimation
-        Where its connectivity changes, there is one group.
+        Of equals the first is chosen; where none agrees with any other, the one whose edges are
+        the shortest beside its size. Where the connectivity changes, the first readable one.
 
-    Returns
-    -------
-    list of list of int
-        At most `MOST_GROUPS`. All frames, those that cannot be read included, if the
-        `SAMPLED_FRAMES` that are asked first agree.
+        Parameters
+        ----------
+        frames : sequence of int
+            Indices to choose among; of many, some evenly spaced ones.
 
-    Raises
-    ------
-    InputError
-        If none of those can be read; the first frame's reason.
-    """
-    everything = list(range(len(animation)))
-    if not animation.constant_topology or len(everything) == 1:
-        return [everything]
-    if _agreement(_measured(animation, _spread(everything))[1]).all():
-        return [everything]
-    left, edges = _measured(animation, everything)
-    found: list[list[int]] = []
-    while left.size and len(found) < MOST_GROUPS:
-        agreed = _agreement(edges)
-        own = agreed[_most_agreed(edges, agreed)]
-        found.append(left[own].tolist())
-        left, edges = left[~own], edges[~own]
-    return found
+        Raises
+        ------
+        InputError
+            If none of those can be read; the first frame's reason.
+        """
+        if not self._animation.constant_topology or len(frames) == 1:
+            return _first_readable(self._animation, frames)
+        chosen, edges = self._sample(frames)
+        return int(chosen[_most_agreed(edges, _agreement(edges))])
+
+    def groups(self) -> list[list[int]]:
+        """Sort the frames into groups that agree with each other, the largest first.
+
+        Returns
+        -------
+        list of list of int
+            At most `MOST_GROUPS`. All frames, those that cannot be read included, if the
+            `SAMPLED_FRAMES` that are sampled agree, or the connectivity changes.
+
+        Raises
+        ------
+        InputError
+            If none of those can be read; the first frame's reason.
+        """
+        everything = list(range(len(self._animation)))
+        if not self._animation.constant_topology or len(everything) == 1:
+            return [everything]
+        if _agreement(self._sample(everything)[1]).all():
+            return [everything]
+        left, edges = _readable_ones((t, _measured(self._animation, t)) for t in everything)
+        grouped: list[list[int]] = []
+        while left.size and len(grouped) < MOST_GROUPS:
+            agreed = _agreement(edges)
+            own = agreed[_most_agreed(edges, agreed)]
+            grouped.append(left[own].tolist())
+            left, edges = left[~own], edges[~own]
+        return grouped
+
+    def _sample(self, frames: Sequence[int]) -> tuple[IntArray, FloatArray]:
+        """Measure some of the frames; see `_readable_ones`."""
+        spread = _spread(frames)
+        for t in spread:
+            if t not in self._sampled:
+                self._sampled[t] = _measured(self._animation, t)
+        return _readable_ones((t, self._sampled[t]) for t in spread)
 
 
 def readable(animation: MeshAnimation, index: int) -> Frame:
@@ -123,21 +137,36 @@ def _spread(frames: Sequence[int]) -> list[int]:
     return [frames[place] for place in dict.fromkeys(places.tolist())]
 
 
-def _measured(animation: MeshAnimation, frames: Iterable[int]) -> tuple[IntArray, FloatArray]:
-    """Return which frames can be read, (T,), and `_edges` of each."""
+def _measured(animation: MeshAnimation, index: int) -> FloatArray | InputError:
+    """Return `_edges` of a frame, or why it cannot be read."""
+    try:
+        return _edges(readable(animation, index))
+    except InputError as error:
+        return error
+
+
+def _readable_ones(
+    measured: Iterable[tuple[int, FloatArray | InputError]],
+) -> tuple[IntArray, FloatArray]:
+    """Return which frames could be read, (T,), and what was measured of each.
+
+    Raises
+    ------
+    InputError
+        If none could; the first frame's reason.
+    """
     chosen: list[int] = []
-    measured: list[FloatArray] = []
-    first: InputError | None = None
-    for index in frames:
-        try:
-            measured.append(_edges(readable(animation, index)))
+    edges: list[FloatArray] = []
+    errors: list[InputError] = []
+    for index, of_frame in measured:
+        if isinstance(of_frame, InputError):
+            errors.append(of_frame)
+        else:
             chosen.append(index)
-        except InputError as error:
-            first = first or error
+            edges.append(of_frame)
     if not chosen:
-        assert first is not None
-        raise first
-    return np.array(chosen), np.array(measured)
+        raise errors[0]
+    return np.array(chosen), np.array(edges)
 
 
 def _edges(frame: Frame) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshmark.detection.reference_frame import MOST_GROUPS, groups, readable, reference_frame
+from meshmark.detection.reference_frame import MOST_GROUPS, EdgeLengths, readable
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.testing.meshes import icosphere
@@ -46,9 +46,9 @@ def torn(points, at) -> MeshAnimation:
 
 def test_of_frames_that_agree_the_first_is_chosen() -> None:
     whole = animation(bending(30))
-    assert reference_frame(whole, range(30)) == 0
-    assert reference_frame(whole, range(7, 20)) == 7
-    assert groups(whole) == [list(range(30))]
+    assert EdgeLengths(whole).reference(range(30)) == 0
+    assert EdgeLengths(whole).reference(range(7, 20)) == 7
+    assert EdgeLengths(whole).groups() == [list(range(30))]
 
 
 @pytest.mark.parametrize("n_junk", [1, 2, 5])
@@ -57,26 +57,26 @@ def test_junk_is_outvoted_wherever_it_stands(n_junk) -> None:
     for place in range(4):
         points = [*good[:place], *(junk() for _ in range(n_junk)), *good[place:]]
         poses = [*range(place), *range(place + n_junk, n_junk + 3)]
-        assert reference_frame(animation(points), range(len(points))) == poses[0]
-        found = groups(animation(points))
+        assert EdgeLengths(animation(points)).reference(range(len(points))) == poses[0]
+        found = EdgeLengths(animation(points)).groups()
         assert found[0] == poses
         assert len(found) == min(1 + n_junk, MOST_GROUPS)
 
 
 def test_where_no_frames_agree_the_least_stretched_is_chosen() -> None:
     whole = animation([junk(), V, junk()])
-    assert reference_frame(whole, range(3)) == 1
-    assert [1] in groups(whole)
+    assert EdgeLengths(whole).reference(range(3)) == 1
+    assert [1] in EdgeLengths(whole).groups()
 
 
 def test_frames_that_cannot_be_read_are_passed_over() -> None:
     whole = torn(bending(5), {0, 3})
-    assert reference_frame(whole, range(5)) == 1
-    assert groups(whole) == [[0, 1, 2, 3, 4]]
+    assert EdgeLengths(whole).reference(range(5)) == 1
+    assert EdgeLengths(whole).groups() == [[0, 1, 2, 3, 4]]
     with pytest.raises(InputError, match="frame 3: torn"):
-        reference_frame(whole, [3, 0])
+        EdgeLengths(whole).reference([3, 0])
     with pytest.raises(InputError, match="frame 0: torn"):
-        groups(torn(bending(3), {0, 1, 2}))
+        EdgeLengths(torn(bending(3), {0, 1, 2})).groups()
 
 
 def test_frames_that_show_nothing_cannot_be_read() -> None:
