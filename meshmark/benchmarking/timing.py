@@ -8,10 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.extension.binned_scheme import as_scheme
-from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
-from meshmark.extension.recipe import Recipe, SolverFactory
-from meshmark.extension.registry import catalogue
+from meshmark.extension.interfaces import GeodesicSolver, Segmenter
+from meshmark.extension.recipe import Recipe
 
 
 @dataclass
@@ -80,14 +78,10 @@ class TimedRecipe(Recipe):
         """Time what another recipe builds."""
         return cls(recipe.scheme, recipe.segmenter, recipe.geodesic, recipe.settings, clock)
 
-    def build(self) -> Scheme:
-        """Make the scheme, with its segmenter and solver."""
-        solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
-        made = catalogue().make(
-            "scheme",
-            self.scheme,
-            segmenter=TimedSegmenter(self.build_segmenter(), self.clock),
-            solver=TimedSolverFactory(solver, self.clock),
-            **self.settings.get(self.scheme, {}),
-        )
-        return as_scheme(made)
+    def build_segmenter(self) -> Segmenter:
+        """Make the segmenter alone."""
+        return TimedSegmenter(super().build_segmenter(), self.clock)
+
+    def build_solver(self) -> Callable[[FloatArray, IntArray], GeodesicSolver]:
+        """Make what builds geodesic solvers on meshes (V, F)."""
+        return TimedSolverFactory(super().build_solver(), self.clock)

@@ -22,6 +22,7 @@ from meshmark.extension.interfaces import (
 )
 
 __all__ = [
+    "HELPERS",
     "PROJECT",
     "Attack",
     "AttackRecord",
@@ -48,6 +49,9 @@ __all__ = [
 PROJECT = "meshmark"
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
+
+# What the factory of a scheme may ask for.
+HELPERS = ("segmenter", "solver")
 
 
 class Factory(Protocol):
@@ -96,11 +100,18 @@ class GeodesicSolverRecord(PluginRecord):
     """Offers a `GeodesicSolver`; the factory takes `V` (N, 3) and `F` (F, 3) first."""
 
 
+@dataclass(frozen=True)
 class SchemeRecord(PluginRecord):
     """Offers a `Scheme` or a `BinnedScheme`.
 
-    The factory takes `segmenter` and `solver` as keywords.
+    Parameters
+    ----------
+    needs : tuple of str
+        Which of `HELPERS` the factory takes as keywords, beside its parameters: `segmenter`, a
+        `Segmenter`, and `solver`, a callable (V, F) -> `GeodesicSolver`.
     """
+
+    needs: tuple[str, ...] = HELPERS
 
 
 class AttackRecord(PluginRecord):
@@ -174,11 +185,12 @@ def meshmark_geodesic_solvers() -> Iterable[GeodesicSolverRecord]:  # type: igno
 def meshmark_schemes() -> Iterable[SchemeRecord]:  # type: ignore[empty-body]
     """Offer watermarking schemes; the factory makes a `Scheme` or a `BinnedScheme`.
 
-    Beside its own parameters the factory takes two keywords: `segmenter`, a `Segmenter`, and
-    `solver`, a callable (V, F) -> `GeodesicSolver`. A binned scheme says where the carriers are
-    and how vertices move; measuring, targets and the closed loop are the core's. Any other
-    scheme observes each frame by itself, and plans the marking of all frames at once. Statistics
-    are the core's for both. `meshmark.testing.SchemeSuite` and `BinnedSchemeSuite` check them.
+    Beside its own parameters the factory takes the keywords that the record says it needs, by
+    default `segmenter`, a `Segmenter`, and `solver`, a callable (V, F) -> `GeodesicSolver`. A
+    binned scheme says where the carriers are and how vertices move; measuring, targets and the
+    closed loop are the core's. Any other scheme observes each frame by itself, and plans the
+    marking of all frames at once. Statistics are the core's for both.
+    `meshmark.testing.SchemeSuite` and `BinnedSchemeSuite` check them.
 
     Examples
     --------

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.hookspecs import SchemeRecord
 from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
 from meshmark.extension.registry import (
     RegisteredPlugin,
@@ -30,7 +29,7 @@ class SolverFactory:
     name: str
     parameters: Parameters
 
-    def __call__(self, V: NDArray[np.float64], F: NDArray[np.int64]) -> GeodesicSolver:
+    def __call__(self, V: FloatArray, F: IntArray) -> GeodesicSolver:
         """Build a solver on V (N, 3) and F (F, 3)."""
         return cast(
             GeodesicSolver, catalogue().make("geodesic", self.name, V, F, **self.parameters)
@@ -79,20 +78,24 @@ class Recipe:
         )
 
     def build(self) -> Scheme:
-        """Make the scheme, with its segmenter and solver."""
-        solver = SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
-        made = catalogue().make(
-            "scheme",
-            self.scheme,
-            segmenter=self.build_segmenter(),
-            solver=solver,
-            **self.settings.get(self.scheme, {}),
-        )
+        """Make the scheme, with the segmenter and the solver if it needs them."""
+        offer = catalogue().find("scheme", self.scheme)
+        made = offer.make(**self.build_helpers(), **self.settings.get(self.scheme, {}))
         return as_scheme(made)
+
+    def build_helpers(self) -> dict[str, Any]:
+        """Make what the scheme's record says that its factory needs."""
+        builders = {"segmenter": self.build_segmenter, "solver": self.build_solver}
+        record = cast(SchemeRecord, catalogue().find("scheme", self.scheme).record)
+        return {name: builders[name]() for name in record.needs}
 
     def build_segmenter(self) -> Segmenter:
         """Make the segmenter alone."""
         return make_segmenter(self.segmenter, **self.settings.get(self.segmenter, {}))
+
+    def build_solver(self) -> Callable[[FloatArray, IntArray], GeodesicSolver]:
+        """Make what builds geodesic solvers on meshes (V, F)."""
+        return SolverFactory(self.geodesic, dict(self.settings.get(self.geodesic, {})))
 
     def as_json(self) -> dict[str, Any]:
         """Return plugins, versions and all parameters, for the manifest."""

@@ -41,6 +41,25 @@ class RegisteredPlugin:
         """What the user types."""
         return self.record.name
 
+    def make(self, *args: Any, **parameters: Any) -> Any:
+        """Call the factory.
+
+        Raises
+        ------
+        UsageError
+            If it refuses a value.
+        PluginError
+            If it breaks.
+        """
+        try:
+            return self.record.factory(*args, **parameters)
+        except MeshmarkError:
+            raise
+        except Exception as error:
+            raise PluginError(
+                f"{self.kind} {self.name!r} of {self.distribution} failed: {_reason(error)}"
+            ) from error
+
 
 @dataclass(frozen=True)
 class Broken:
@@ -95,7 +114,7 @@ class Catalogue:
         raise UsageError(f"no {kind} is called {name!r}; known are: {known}{self._hint()}")
 
     def make(self, kind: str, name: str, /, *args: Any, **parameters: Any) -> Any:
-        """Call the factory of an offer.
+        """Call the factory of an offer with parameters its record lists.
 
         Raises
         ------
@@ -106,14 +125,7 @@ class Catalogue:
         """
         offer = self.find(kind, name)
         check_parameters(offer, parameters)
-        try:
-            return offer.record.factory(*args, **parameters)
-        except MeshmarkError:
-            raise
-        except Exception as error:
-            raise PluginError(
-                f"{kind} {name!r} of {offer.distribution} failed: {_reason(error)}"
-            ) from error
+        return offer.make(*args, **parameters)
 
     def _hint(self) -> str:
         if not self.broken:
@@ -125,9 +137,8 @@ class Catalogue:
 def check_parameters(offer: RegisteredPlugin, parameters: Mapping[str, Any]) -> None:
     """Refuse parameters the offer's record does not list."""
     taken = offer.record.parameters
-    hidden = {"segmenter", "solver"} if offer.kind == "scheme" else set()
     for name in parameters:
-        if name not in taken and name not in hidden:
+        if name not in taken:
             known = ", ".join(sorted(taken)) or "none"
             raise UsageError(
                 f"{offer.kind} {offer.name!r} has no parameter {name!r}; it takes: {known}"

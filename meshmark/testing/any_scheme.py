@@ -11,7 +11,7 @@ import pytest
 from meshmark.detection.extraction import extract
 from meshmark.detection.hypothesis_test import judge
 from meshmark.embedding.mesh import Embedded, embed_animation
-from meshmark.extension.hookspecs import Scheme, SchemeRecord
+from meshmark.extension.hookspecs import HELPERS, Scheme, SchemeRecord
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.testing.meshes import Mesh
@@ -32,7 +32,7 @@ class AnySchemeSuite:
 
     @pytest.fixture
     def parts(self) -> dict[str, Any]:
-        """Offer the `segmenter` and the `solver` the record's factory is called with."""
+        """Offer a `segmenter` and a `solver`; the record's factory gets those that it needs."""
         return {"segmenter": None, "solver": None}
 
     @pytest.fixture
@@ -48,6 +48,12 @@ class AnySchemeSuite:
         assert record.summary.strip()
         assert "\n" not in record.summary
         assert record.version
+
+
+def needed(record: SchemeRecord, parts: dict[str, Any]) -> dict[str, Any]:
+    """Return the parts that a record's factory is called with."""
+    assert set(record.needs) <= set(HELPERS)
+    return {name: parts[name] for name in record.needs}
 
 
 def assert_found_blindly(

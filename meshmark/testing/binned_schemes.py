@@ -30,6 +30,7 @@ from meshmark.testing.any_scheme import (
     OTHER,
     AnySchemeSuite,
     assert_found_blindly,
+    needed,
     tetrahedron,
 )
 from meshmark.testing.invariance import moved, reordered
@@ -94,8 +95,8 @@ class BinnedSchemeSuite(AnySchemeSuite):
         if record is None:
             pytest.skip("no record is offered")
         assert "strength" in record.parameters
-        bare = record.factory(**parts)
-        given = record.factory(**parts, **record.parameters)
+        bare = record.factory(**needed(record, parts))
+        given = record.factory(**needed(record, parts), **record.parameters)
         for name in ("n_chips", "n_words", "strength", "propagate"):
             assert getattr(given, name) == getattr(bare, name)
         assert given.strength == record.parameters["strength"]

@@ -34,6 +34,7 @@ from meshmark.testing.any_scheme import (
     OTHER,
     AnySchemeSuite,
     assert_found_blindly,
+    needed,
     rounded,
     tetrahedron,
 )
@@ -98,8 +99,8 @@ class SchemeSuite(AnySchemeSuite):
         """Giving the recorded defaults changes nothing."""
         if record is None:
             pytest.skip("no record is offered")
-        bare = record.factory(**parts)
-        given = record.factory(**parts, **record.parameters)
+        bare = record.factory(**needed(record, parts))
+        given = record.factory(**needed(record, parts), **record.parameters)
         for name in ("n_chips", "n_words", "restorations"):
             assert getattr(given, name) == getattr(bare, name)
         np.testing.assert_array_equal(given.observe(frame).soft, bare.observe(frame).soft)

@@ -6,9 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
-from meshmark.extension.recipe import SolverFactory
-from meshmark.extension.registry import RegisteredPlugin, catalogue
+from meshmark.extension.registry import RegisteredPlugin
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import dumbbell
 
@@ -63,10 +61,9 @@ def _geodesic(offer: RegisteredPlugin) -> list[str]:
 def _scheme(offer: RegisteredPlugin) -> list[str]:
     from meshmark.detection.extraction import extract
     from meshmark.extension.binned_scheme import as_scheme
+    from meshmark.extension.recipe import Recipe
 
-    segmenter = catalogue().make("segmenter", DEFAULT_SEGMENTER)
-    solver = SolverFactory(DEFAULT_GEODESIC, {})
-    scheme = as_scheme(offer.record.factory(segmenter=segmenter, solver=solver))
+    scheme = as_scheme(offer.record.factory(**Recipe(offer.name).build_helpers()))
     evidence = extract(_animation(), scheme, offer.name)
     if evidence.n_chips != scheme.n_chips:
         return [f"a carrier has {evidence.n_chips} chips, not {scheme.n_chips}"]

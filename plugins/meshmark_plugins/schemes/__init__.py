@@ -56,6 +56,7 @@ def meshmark_schemes() -> list[SchemeRecord]:
             summary="density of the vertices about the tips of a shape, slid along its surface",
             version="1",
             parameters=APEX_DEFAULTS,
+            needs=(),
         ),
         SchemeRecord(
             name="tsai2014",
@@ -70,5 +71,6 @@ def meshmark_schemes() -> list[SchemeRecord]:
             summary="distance of the vertices to their centroid, moves towards and away from it",
             version="1",
             parameters=CHO2007_DEFAULTS,
+            needs=(),
         ),
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.carrier import Observation
-from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.statistics.word_windows import WordPosterior
 from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
@@ -55,8 +53,6 @@ class Apex:
 
     Parameters
     ----------
-    segmenter, solver
-        Given to every scheme; not used by this one.
     bins, width, words, strength, max_mrms, hold
         See `Parameters`.
     """
@@ -67,8 +63,6 @@ class Apex:
     def __init__(
         self,
         *,
-        segmenter: Segmenter | None = None,
-        solver: Callable[[FloatArray, IntArray], GeodesicSolver] | None = None,
         bins: int = 16,
         width: float = 0.04,
         words: int = 8,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.carrier import Carrier, measure
-from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.extension.parameters import require_number, require_whole
 from meshmark.mesh.animation import Frame
 from meshmark_plugins.schemes.cho2007.norms import NormBins, bin_norms
@@ -27,8 +26,6 @@ class Cho2007:
 
     Parameters
     ----------
-    segmenter, solver
-        Given to every scheme; not used by this one.
     bits : int
         N_w, bins (and bits) of the mesh; 2 to 1024.
     strength : float
@@ -45,8 +42,6 @@ class Cho2007:
     def __init__(
         self,
         *,
-        segmenter: Segmenter | None = None,
-        solver: Callable[[FloatArray, IntArray], GeodesicSolver] | None = None,
         bits: int = 64,
         strength: float = 0.05,
     ) -> None:
