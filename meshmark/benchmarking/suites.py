@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from meshmark.errors import UsageError
+from meshmark.extension.parameters import name_and_parameters
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue
 
@@ -322,15 +323,10 @@ def cell_from_text(text: str) -> Cell:
     UsageError
         If the text is not of this form.
     """
-    name, _, rest = text.strip().partition(":")
-    typed: dict[str, str] = {}
-    for pair in filter(None, rest.split(",")):
-        parameter, equals, value = pair.partition("=")
-        if not equals:
-            raise UsageError(f"--attack takes NAME:PARAMETER=VALUE,..., not {text!r}")
-        typed[parameter.strip()] = value.strip().replace(";", ",")
+    refusal = f"--attack takes NAME:PARAMETER=VALUE,..., not {text!r}"
+    name, typed = name_and_parameters(text, lambda _: refusal)
     if not name:
-        raise UsageError(f"--attack takes NAME:PARAMETER=VALUE,..., not {text!r}")
+        raise UsageError(refusal)
     offers = {offer.name: offer for offer in catalogue().of_kind("attack")}
     offer = offers.get(name)
     parameters = {

@@ -11,6 +11,7 @@ import numpy as np
 
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Attack
+from meshmark.extension.parameters import name_and_value
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_attack, make_reader
 from meshmark.files.places import require_apart
@@ -30,9 +31,7 @@ def attack_from_text(name: str, parameters: Sequence[str]) -> Attack:
     offer = catalogue().find("attack", name)
     values: dict[str, Any] = {}
     for text in parameters:
-        parameter, found, value = text.partition("=")
-        if not found:
-            raise UsageError(f"-p takes PARAMETER=VALUE, not {text!r}")
+        parameter, value = name_and_value(text, f"-p takes PARAMETER=VALUE, not {text!r}")
         values[parameter] = convert(offer, parameter, value)
     return make_attack(name, **values)
 

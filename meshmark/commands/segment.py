@@ -10,6 +10,7 @@ import numpy as np
 from meshmark.arrays import IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Segmenter
+from meshmark.extension.parameters import name_and_value
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_segmenter
 from meshmark.mesh.animation import Frame
@@ -27,10 +28,11 @@ def segmenter_from_text(name: str, settings: Sequence[str]) -> Segmenter:
     offer = catalogue().find("segmenter", name)
     values = {}
     for text in settings:
-        key, found, value = text.partition("=")
+        refusal = f"--set takes NAME=VALUE or {name}.NAME=VALUE, not {text!r}"
+        key, value = name_and_value(text, refusal)
         plugin, _, parameter = key.rpartition(".")
-        if not found or plugin not in ("", name):
-            raise UsageError(f"--set takes NAME=VALUE or {name}.NAME=VALUE, not {text!r}")
+        if plugin not in ("", name):
+            raise UsageError(refusal)
         values[parameter] = convert(offer, parameter, value)
     return make_segmenter(name, **values)
 

@@ -1,13 +1,64 @@
-"""Checks on the parameters a plugin's factory is given, with messages that name them."""
+"""Parameters of plugins: parsed from text, and checked, with messages that name them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any
 
 from meshmark.errors import UsageError
+
+
+def name_and_value(text: str, refusal: str) -> tuple[str, str]:
+    """Parse NAME=VALUE; only the first sign of equality counts.
+
+    Raises
+    ------
+    UsageError
+        With the message `refusal`, if there is none.
+    """
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(refusal)
+    return name, value
+
+
+def name_and_parameters(text: str, refusal: Callable[[str], str]) -> tuple[str, dict[str, str]]:
+    """Parse NAME:PARAMETER=VALUE,...; a semicolon stands for a comma in a value.
+
+    Parameters
+    ----------
+    refusal : callable
+        Makes the message about what stands between two commas and is not PARAMETER=VALUE.
+
+    Raises
+    ------
+    UsageError
+        If there is such a thing.
+    """
+    name, _, rest = text.strip().partition(":")
+    pairs = [name_and_value(pair, refusal(pair)) for pair in rest.split(",") if pair]
+    return name, {parameter.strip(): value.strip().replace(";", ",") for parameter, value in pairs}
+
+
+def require_known(what: str, known: Collection[str], given: Iterable[str]) -> None:
+    """Refuse parameters that a factory does not take.
+
+    Parameters
+    ----------
+    what : str
+        Kind and name for the message, such as "segmenter sdf".
+
+    Raises
+    ------
+    UsageError
+        If one of those given is not known; the message lists those there are.
+    """
+    for name in given:
+        if name not in known:
+            takes = ", ".join(sorted(known)) or "none"
+            raise UsageError(f"{what} has no parameter {name!r}; it takes: {takes}")
 
 
 def with_defaults(
@@ -29,10 +80,7 @@ def with_defaults(
     UsageError
         If one is given that is not among the defaults; the message lists those there are.
     """
-    for name in given:
-        if name not in defaults:
-            known = ", ".join(sorted(defaults)) or "none"
-            raise UsageError(f"{what} has no parameter {name!r}; it takes: {known}")
+    require_known(what, defaults, given)
     return {**defaults, **given}
 
 

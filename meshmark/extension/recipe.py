@@ -12,6 +12,7 @@ from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
 from meshmark.extension.hookspecs import SchemeRecord
 from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
+from meshmark.extension.parameters import name_and_value
 from meshmark.extension.registry import (
     RegisteredPlugin,
     catalogue,
@@ -135,9 +136,10 @@ def recipe_from_text(
     """
     typed: dict[str, dict[str, Any]] = {}
     for text in settings:
-        name, found, value = text.partition("=")
-        if not found or not name:
-            raise UsageError(f"--set takes NAME=VALUE, not {text!r}")
+        refusal = f"--set takes NAME=VALUE, not {text!r}"
+        name, value = name_and_value(text, refusal)
+        if not name:
+            raise UsageError(refusal)
         plugin, dot, parameter = name.rpartition(".")
         typed.setdefault(plugin if dot else scheme, {})[parameter] = value
     bare = Recipe(scheme, segmenter, geodesic, typed)

@@ -14,6 +14,7 @@ import pluggy
 from meshmark.errors import MeshmarkError, PluginError, UsageError
 from meshmark.extension import hookspecs
 from meshmark.extension.hookspecs import PROJECT, Attack, PluginRecord, Reader, Segmenter
+from meshmark.extension.parameters import require_known
 
 STRICT_VARIABLE = "MESHMARK_STRICT_PLUGINS"
 
@@ -136,13 +137,7 @@ class Catalogue:
 
 def check_parameters(offer: RegisteredPlugin, parameters: Mapping[str, Any]) -> None:
     """Refuse parameters the offer's record does not list."""
-    taken = offer.record.parameters
-    for name in parameters:
-        if name not in taken:
-            known = ", ".join(sorted(taken)) or "none"
-            raise UsageError(
-                f"{offer.kind} {offer.name!r} has no parameter {name!r}; it takes: {known}"
-            )
+    require_known(f"{offer.kind} {offer.name!r}", offer.record.parameters, parameters)
 
 
 @cache

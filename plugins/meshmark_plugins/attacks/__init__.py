@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any
 
-from meshmark.errors import UsageError
 from meshmark.extension.hookspecs import AttackRecord, hookimpl
+from meshmark.extension.parameters import require_known
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,7 @@ class AttackFactory:
     def __call__(self, **parameters: Any) -> Any:
         """Build the attack; raise UsageError for a parameter it does not have."""
         kind = getattr(import_module(f"{__name__}.{self.module}"), self.attack)
-        known = [field.name for field in fields(kind)]
-        for parameter in parameters:
-            if parameter not in known:
-                offer = f"it takes {', '.join(known)}" if known else "it takes none"
-                raise UsageError(f"attack {self.name} has no parameter {parameter!r}: {offer}")
+        require_known(f"attack {self.name}", [field.name for field in fields(kind)], parameters)
         return kind(**parameters)
 
 

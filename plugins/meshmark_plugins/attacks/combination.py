@@ -10,6 +10,7 @@ import numpy as np
 
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Attack
+from meshmark.extension.parameters import name_and_parameters
 from meshmark.extension.registry import catalogue, check_parameters
 from meshmark.mesh.animation import MeshAnimation
 
@@ -68,16 +69,12 @@ def read_step(text: str) -> tuple[str, dict[str, Any]]:
     UsageError
         If it is not of this form.
     """
-    name, _, rest = text.strip().partition(":")
-    parameters: dict[str, Any] = {}
-    for pair in filter(None, rest.split(",")):
-        parameter, equals, value = pair.partition("=")
-        if not equals:
-            raise UsageError(f"attack combination: {pair!r} in {text!r} is not PARAMETER=VALUE")
-        parameters[parameter.strip()] = _value(value.strip().replace(";", ","))
+    name, typed = name_and_parameters(
+        text, lambda pair: f"attack combination: {pair!r} in {text!r} is not PARAMETER=VALUE"
+    )
     if not name:
         raise UsageError("attack combination: an attack's name is missing")
-    return name, parameters
+    return name, {parameter: _value(value) for parameter, value in typed.items()}
 
 
 def _value(text: str) -> Any:

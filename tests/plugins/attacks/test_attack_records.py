@@ -87,8 +87,8 @@ def test_listing_the_attacks_imports_none_of_them():
 @pytest.mark.parametrize(
     ("name", "parameters", "words"),
     [
-        ("noise", {"size": 1}, "has no parameter 'size': it takes amplitude, kind, per"),
-        ("float16", {"bits": 1}, "has no parameter 'bits': it takes none"),
+        ("noise", {"size": 1}, "has no parameter 'size'; it takes: amplitude, kind, per"),
+        ("float16", {"bits": 1}, "has no parameter 'bits'; it takes: none"),
         ("speed", {"bake": "maybe"}, "bake is 'maybe', but must be true or false"),
         ("speed", {"factor": 0}, r"factor is 0, but must be a number in \[0.1, 10\]"),
         ("quantization", {"bits": 25}, r"bits is 25, but must be a whole number in \[1, 24\]"),
