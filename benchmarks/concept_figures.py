@@ -38,9 +38,9 @@ from measuring import REPOSITORY
 from meshmark import Key
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.demo import creature
+from meshmark.detection.decision import decide, shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import decide, shares
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Frame, MeshAnimation

@@ -54,8 +54,8 @@ def by_looks(own: Observation, reference: Observation) -> FloatArray:
     carrier says in one frame, the same carrier says in the next, mark and mesh alike.
     """
     shape = cdist(own.descriptors, reference.descriptors)
-    said, told = (observation.soft[0].astype(np.float64) for observation in (own, reference))
-    return shape + AGREEMENT * (1.0 - _agreement(said, told))
+    soft, of_reference = (each.soft[0].astype(np.float64) for each in (own, reference))
+    return shape + AGREEMENT * (1.0 - _agreement(soft, of_reference))
 
 
 def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
@@ -67,13 +67,13 @@ def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Sightings of several frames, their carriers in one order.
+    """Observations of several frames, their carriers in one order.
 
     Parameters
     ----------
     frames : sequence of T FrameEvidence
         Evidence in the type it was given; a carrier missing from a frame is all erasures there.
-        LazySequence from the observations when asked for.
+        Made from the observations whenever a frame is read.
     log_prior : (R,) float64
         Log belief in each reading.
     """
@@ -92,7 +92,7 @@ def aligned(observations: Sequence[Observation | None], matcher: Matcher) -> Ali
     Parameters
     ----------
     observations : sequence of T Observation or None
-        They may be many, and are asked for one at a time.
+        They may be many, and are read one at a time.
 
     Raises
     ------
@@ -126,17 +126,17 @@ def _most_matched(
     """Choose the observation whose carriers are found most often in the others, among some."""
     shown = [index for index, size in enumerate(sizes) if size >= 0]
     places = np.linspace(0, len(shown) - 1, min(len(shown), SAMPLED)).round().astype(int)
-    asked = {shown[place] for place in places} | {int(np.argmax(sizes))}
-    ordered = sorted(asked, key=lambda index: (-sizes[index], index))
+    sampled = {shown[place] for place in places} | {int(np.argmax(sizes))}
+    ordered = sorted(sampled, key=lambda index: (-sizes[index], index))
     some = [
         observation for observation in (observations[index] for index in ordered) if observation
     ]
-    found = [sum(_matched(own, other, matcher)[0].size for own in some) for other in some]
-    return some[int(np.argmax(found))]
+    n_matched = [sum(_matched(own, other, matcher)[0].size for own in some) for other in some]
+    return some[int(np.argmax(n_matched))]
 
 
 def _silence(observation: Observation) -> FrameEvidence:
-    """Evidence of a frame that shows none of a observation's carriers."""
+    """Evidence of a frame that shows none of an observation's carriers."""
     R, C, _ = observation.soft.shape
     unknown = WordPosterior(np.full((R, C), np.nan), np.ones(C))
     return FrameEvidence(
@@ -147,7 +147,7 @@ def _silence(observation: Observation) -> FrameEvidence:
 def _moved(
     observation: Observation, own: IntArray, theirs: IntArray, silent: FrameEvidence
 ) -> FrameEvidence:
-    """Give a observation's carriers `own` the indices `theirs`; of others, nothing is known."""
+    """Give an observation's carriers `own` the indices `theirs`; of others, nothing is known."""
     steps = silent.steps.copy()
     steps[:, theirs] = observation.soft[:, own]
     if silent.posterior is None or observation.posterior is None:

@@ -29,7 +29,8 @@ class HypothesisResult:
     recipient : str or None
         Whose words were tried; None for the owner's own.
     log10_p : float
-        Bound for all frames together, readings and assignment of words paid for.
+        Bound for all frames together, corrected for multiple testing over
+        readings and assignments of words.
     log10_p_per_frame : (T,) float64
         The same for each frame alone.
     errors : BitErrors
@@ -61,12 +62,12 @@ def judge_each(
 ) -> list[HypothesisResult]:
     """Try a key and several recipients on the evidence.
 
-    The search among them is not paid for here: its price is for the caller to add.
+    It is not corrected for multiple testing over them: that is for the caller to do.
 
     Parameters
     ----------
     log10_limit : float
-        Whatever fits at least as well as this is told, too.
+        Whatever fits at least as well as this is returned, too.
 
     Returns
     -------
@@ -76,7 +77,7 @@ def judge_each(
     words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
     log10_p, alone = _judged(evidence, words)
     order = np.argsort(log10_p, kind="stable")
-    told = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
+    fitting = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
     return [
         HypothesisResult(
             recipient=recipients[n],
@@ -86,7 +87,7 @@ def judge_each(
             ),
             errors=bit_errors(evidence, words[n].astype(np.int64)),
         )
-        for n in told
+        for n in fitting
     ]
 
 

@@ -6,10 +6,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from meshmark.detection.decision import decide
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
 from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
-from meshmark.detection.verdict import Verdict, decide, together, without_weight
+from meshmark.detection.verdict import Verdict, together, without_weight
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation

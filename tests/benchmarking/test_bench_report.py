@@ -20,8 +20,8 @@ from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
+from meshmark.detection.decision import decide
 from meshmark.detection.evidence import Evidence, RestoredVariant
-from meshmark.detection.verdict import decide
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import as_asset

@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
+from meshmark.detection.decision import decide
 from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.gathering import AssetEvidence
-from meshmark.detection.verdict import decide
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key

@@ -1,0 +1,115 @@
+"""Measures frames: each as it stands and restored, beside the one the others are compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from meshmark.detection.evidence import in_steps
+from meshmark.detection.reference_frame import readable
+from meshmark.detection.unsmoothing import unsmooth
+from meshmark.errors import CapacityError, InputError, NoLayoutError
+from meshmark.extension.breakdown import breakdown_means_no_capacity
+from meshmark.extension.carrier import Observation
+from meshmark.extension.interfaces import Scheme
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.welding import Welding
+
+# One for each restoration; None where nothing is found.
+Observations = tuple[Observation | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The frame that the others are compared with; read when it is needed, and then only once.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        The copy.
+    index : int
+        Its frame.
+    """
+
+    animation: MeshAnimation
+    index: int
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The frame as it stands."""
+        return readable(self.animation, self.index)
+
+    @cached_property
+    def welding(self) -> Welding:
+        """The mesh as analysis sees it, in all frames that share its topology."""
+        return Welding.of(self.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """Measures frame after frame of an animation, each as it stands and restored.
+
+    Parameters
+    ----------
+    reference : Reference
+        Frame of the copy that the others are compared with, where all share its topology.
+    scheme : Scheme
+        What is measured.
+    restorations : tuple of int
+        Iterations of smoothing to undo; 0 for the frame as it stands.
+    """
+
+    reference: Reference
+    scheme: Scheme
+    restorations: tuple[int, ...]
+
+    @cached_property
+    def references(self) -> dict[int, Frame]:
+        """The reference frame as it stands and restored, where all frames share its topology.
+
+        Raises
+        ------
+        CapacityError
+            If there is nothing to analyse in it; NoLayoutError if no frame is analysed then.
+        """
+        if not self.reference.animation.constant_topology:
+            return {}
+        frame = self.reference.frame
+        try:
+            return {n: self.reference.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+        except CapacityError as error:
+            raise (
+                NoLayoutError(error.message) if self.scheme.follows_vertices else error
+            ) from None
+
+    def __call__(self, index: int) -> Observations | InputError:
+        """Measure frame `index` under every restoration; None where nothing is found.
+
+        A frame that cannot be read gives the reason.
+        """
+        reference = self.reference
+        try:
+            here = index == reference.index
+            frame = reference.frame if here else readable(reference.animation, index)
+        except InputError as error:
+            return error
+        except CapacityError:
+            return (None,) * len(self.restorations)
+        return tuple(_compact(self._observe(unsmooth(frame, n), n)) for n in self.restorations)
+
+    def _observe(self, frame: Frame, restored: int) -> Observation | None:
+        try:
+            with breakdown_means_no_capacity():
+                reference = self.references.get(restored)
+                welding = Welding.of(frame) if reference is None else self.reference.welding
+                return self.scheme.observe(welding.frame(frame), reference)
+        except NoLayoutError:
+            # What the reference lacks, all frames lack.
+            raise
+        except CapacityError:
+            return None
+
+
+def _compact(observation: Observation | None) -> Observation | None:
+    """Keep evidence in the steps it is judged in: of long animations there is much."""
+    return observation and replace(observation, soft=in_steps(observation.soft))
