@@ -18,7 +18,8 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, OutputError
-from meshmark.files.atomic import read_small, write_private
+from meshmark.files.atomic import write_private
+from meshmark.files.reading import read_small
 
 KEY_BYTES = 32
 _HEADER = "meshmark-key-1"

@@ -8,7 +8,7 @@ from io import StringIO
 from pathlib import Path
 
 from meshmark.errors import InputError, UsageError
-from meshmark.files.atomic import read_small
+from meshmark.files.reading import read_small
 
 # Characters of a name, and bytes of a file of names.
 LONGEST, MOST = 256, 1 << 26

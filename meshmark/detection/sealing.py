@@ -24,7 +24,8 @@ from typing import IO
 import platformdirs
 
 from meshmark.errors import InputError, OutputError
-from meshmark.files.atomic import opened, read_small, write_private, written_beside
+from meshmark.files.atomic import write_private, written_beside
+from meshmark.files.reading import opened, read_small
 from meshmark.files.temporary import no_room
 
 SECRET_VARIABLE = "MESHMARK_EVIDENCE_SECRET"

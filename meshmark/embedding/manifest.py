@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from meshmark.errors import InputError
-from meshmark.files.atomic import read_small, write_bytes, write_json
+from meshmark.files.atomic import write_bytes, write_json
+from meshmark.files.reading import read_small
 from meshmark.sources.digests import sha256
 
 MANIFEST_SUFFIX = ".meshmark.json"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from meshmark.errors import InputError
-from meshmark.files.atomic import opened
+from meshmark.files.reading import opened
 from meshmark.mesh.asset import Asset
 from meshmark.sources.facts import source_files
 

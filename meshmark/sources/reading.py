@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from meshmark.files.atomic import require_no_device
+from meshmark.files.reading import require_no_device
 from meshmark.mesh.asset import Asset
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import open_source

@@ -13,7 +13,8 @@ import pytest
 
 from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
-from meshmark.files.atomic import opened, read_small, written_beside
+from meshmark.files.atomic import written_beside
+from meshmark.files.reading import opened, read_small
 from meshmark.keys import Key
 from usd_stages import cube, write_text
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.files.atomic import opened
+from meshmark.files.reading import opened
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_agreement import agreed

@@ -10,7 +10,8 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
-from meshmark.files.atomic import beside, opened
+from meshmark.files.atomic import beside
+from meshmark.files.reading import opened
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.topology import Topology
