@@ -204,12 +204,12 @@ def test_unknown_commands_and_missing_arguments(run) -> None:
 
 
 def test_a_bug_is_said_to_be_one(run, monkeypatch, tmp_path) -> None:
-    from meshmark.sources import readers as sources
+    from meshmark.sources import reading
 
     def broken(*_: object, **__: object) -> Asset:
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr(sources, "read", broken)
+    monkeypatch.setattr(reading, "read", broken)
     assert_refused(run("inspect", "a.usda"), 70, "bug", "ZeroDivisionError")
 
 
