@@ -220,6 +220,17 @@ def test_rooms_of_the_house_exist() -> None:
     assert not [room for room in rooms if not (REPOSITORY / room).exists()]
 
 
+def test_stops_of_the_journeys_are_functions_of_their_files() -> None:
+    page = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
+    stops = re.findall(r"^\| \d+\. .*? \| `(\w+)` \| `([\w/.]+)` \|$", page, re.M)
+    assert len(stops) > 20
+    assert not [
+        f"{file}: {name}"
+        for name, file in stops
+        if not re.search(rf"^(def|class) {name}\b", (REPOSITORY / file).read_text("utf-8"), re.M)
+    ]
+
+
 def test_expected_output_is_really_compared() -> None:
     assert appears("a ... c", "x a  b\nc y")
     assert not appears("a ... d", "x a  b\nc y")

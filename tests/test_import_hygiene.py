@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -94,22 +96,61 @@ def test_every_public_name_is_found_where_it_is_said_to_be() -> None:
         meshmark.unheard_of  # noqa: B018
 
 
+def floors() -> dict[str, int]:
+    """Read which room is on which floor from the picture in docs/architecture.md."""
+    page = (REPOSITORY / "docs" / "architecture.md").read_text("utf-8")
+    picture = page.partition("floor  room\n")[2].partition("```")[0]
+    return {room: int(floor) for floor, room in re.findall(r"^ *(\d+) +(\w+)", picture, re.M)}
+
+
+def room_of(module: str) -> str:
+    return module.split(".")[1]
+
+
+def module_of(path: Path, package_root: Path) -> str:
+    return ".".join(path.relative_to(package_root).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_the_picture_shows_every_room_and_no_other() -> None:
+    rooms = {path.relative_to(CORE).parts[0].removesuffix(".py") for path in modules_of(CORE)}
+    assert rooms - {"__init__", "__main__"} == set(floors())
+
+
+def test_every_arrow_runs_down() -> None:
+    floor = floors()
+    arrows = {
+        (room_of(module_of(path, REPOSITORY)), room_of(name), name)
+        for path in modules_of(CORE)
+        if path.parent != CORE or path.stem not in ("__init__", "__main__")
+        for name in imports_of(path, REPOSITORY)
+        if within(name, "meshmark") and name.count(".") >= 1 and room_of(name) in floor
+    }
+    assert len(arrows) > 100
+    assert not [
+        f"{above} imports {name}"
+        for above, below, name in sorted(arrows)
+        if above != below and floor[above] >= floor[below]
+    ]
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    modules = {
+        module_of(path, root): set(imports_of(path, root))
+        for root, package in ((REPOSITORY, CORE), (PLUGINS.parent, PLUGINS))
+        for path in modules_of(package)
+        if path != CORE / "__init__.py"
+    }
+    assert len(modules) > 200
+    known = {name: used & (modules.keys() - {name}) for name, used in modules.items()}
+    list(TopologicalSorter(known).static_order())
+
+
 def test_core_never_imports_a_plugin() -> None:
     assert not [
         f"{path.relative_to(CORE)} imports {name}"
         for path in modules_of(CORE)
         for name in imports_of(path, REPOSITORY)
         if within(name, "meshmark_plugins")
-    ]
-
-
-def test_only_the_command_line_imports_itself() -> None:
-    assert not [
-        f"{path.relative_to(CORE)} imports {name}"
-        for path in modules_of(CORE)
-        if not path.is_relative_to(CORE / "cli") and path.name != "__main__.py"
-        for name in imports_of(path, REPOSITORY)
-        if within(name, "meshmark.cli")
     ]
 
 
