@@ -20,7 +20,7 @@ from typing import Any
 from measuring import PAGES, Run, data_folder, repeat, run, table
 from meshmark import read
 from meshmark.detection.extraction import Extraction
-from meshmark.detection.hypothesis_test import judge
+from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import embed_animation
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key

@@ -23,7 +23,7 @@ from measuring import PAGES, Run, data_folder, repeat, run, table
 from meshmark import Key, read
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
-from meshmark.detection.hypothesis_test import log10_p_of
+from meshmark.detection.significance import log10_p_of
 from meshmark.extension.recipe import Recipe
 
 # Distortion of the published method, relative to nothing: the paper does not say. Its meshes

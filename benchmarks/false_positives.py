@@ -20,7 +20,7 @@ from meshmark.arrays import FloatArray
 from meshmark.detection.decision import shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
-from meshmark.detection.hypothesis_test import log10_p_of
+from meshmark.detection.significance import log10_p_of
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.workers.ordered_map import default_jobs, ordered_map

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 from measuring import PAGES, data_folder, table
 from meshmark import Key, read
 from meshmark.detection.extraction import extract
-from meshmark.detection.hypothesis_test import judge
+from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import embed_animation
 from meshmark.extension.recipe import Recipe
 from meshmark.metrics import distortion

@@ -13,7 +13,7 @@ from meshmark import Key, mark_file, read, verify
 from meshmark.commands.attack import attack_asset
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
-from meshmark.detection.hypothesis_test import log10_p_of
+from meshmark.detection.significance import log10_p_of
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.workers.ordered_map import default_jobs

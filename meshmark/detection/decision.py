@@ -9,7 +9,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
-from meshmark.detection.hypothesis_test import HypothesisResult, judge_each
+from meshmark.detection.significance import HypothesisResult, judge_each
 from meshmark.detection.verdict import Answer, Named, PrimVerdict, Verdict, best_of_each
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread

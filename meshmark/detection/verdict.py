@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from meshmark.detection.hypothesis_test import HypothesisResult
+from meshmark.detection.significance import HypothesisResult
 from meshmark.files.atomic import number
 
 Answer = Literal["marked", "not marked", "inconclusive"]

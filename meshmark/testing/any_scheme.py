@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from meshmark.detection.extraction import extract
-from meshmark.detection.hypothesis_test import judge
+from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.extension.hookspecs import HELPERS, Scheme, SchemeRecord
 from meshmark.keys import Key

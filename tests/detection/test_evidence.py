@@ -9,7 +9,7 @@ import pytest
 from meshmark.detection.bit_error_rate import bit_errors
 from meshmark.detection.decision import decide, shares
 from meshmark.detection.evidence import STEPS, Evidence, RestoredVariant
-from meshmark.detection.hypothesis_test import SHORT_LIST, TOGETHER, judge, log10_p_of
+from meshmark.detection.significance import SHORT_LIST, TOGETHER, judge, log10_p_of
 from meshmark.extension.carrier import Carrier, measure, observation_of
 from meshmark.keys import Key
 from meshmark.statistics.p_values import word_log_e_means

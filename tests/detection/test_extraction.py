@@ -13,8 +13,8 @@ from scipy.special import logsumexp
 
 from meshmark.detection.evidence import in_steps
 from meshmark.detection.extraction import Extraction, extract
-from meshmark.detection.hypothesis_test import judge
 from meshmark.detection.looks import LOOKS
+from meshmark.detection.significance import judge
 from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation

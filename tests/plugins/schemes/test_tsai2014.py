@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshmark.detection.extraction import extract
-from meshmark.detection.hypothesis_test import judge
+from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import embed_animation
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.binned_scheme import as_scheme

@@ -14,7 +14,8 @@ from meshmark.statistics.word_windows import WordPosterior
 from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
 from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
-from meshmark_plugins.schemes.apex.anchors.track import MIN_PERSISTENCE_DETECTED, FrameAnchors
+from meshmark_plugins.schemes.apex.anchors.persistence import MIN_PERSISTENCE_DETECTED
+from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import (
     OFFSETS,

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.topology import edges
 
+# Least persistence of an anchor that is marked, and of one that is detected; in root areas.
+MIN_PERSISTENCE_MARKED, MIN_PERSISTENCE_DETECTED = 0.10, 0.06
+
 
 @dataclass(frozen=True, eq=False)
 class Maxima:

@@ -17,9 +17,11 @@ from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.mesh.topology import Topology
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
+from meshmark_plugins.schemes.apex.anchors.persistence import (
+    MIN_PERSISTENCE_DETECTED,
+    MIN_PERSISTENCE_MARKED,
+)
 
-# Least persistence of an anchor that is marked, and of one that is detected; in root areas.
-MIN_PERSISTENCE_MARKED, MIN_PERSISTENCE_DETECTED = 0.10, 0.06
 # Most anchors that are tracked, and frames in which they are.
 MAX_TRACKED_ANCHORS, TRACKED_FRAMES = 12, 12
 # Share of the frames in which an anchor must be detected.
