@@ -80,6 +80,9 @@ class Recipe:
 
     def build(self) -> Scheme:
         """Make the scheme, with the segmenter and the solver if it needs them."""
+        if self.settings.get(self.segmenter):
+            # An impossible value is refused, whether or not the scheme needs a segmenter.
+            self.build_segmenter()
         offer = catalogue().find("scheme", self.scheme)
         made = offer.make(**self.build_helpers(), **self.settings.get(self.scheme, {}))
         return as_scheme(made)

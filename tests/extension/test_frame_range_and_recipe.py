@@ -98,6 +98,22 @@ def test_impossible_values_are_refused(name, value) -> None:
         Recipe("tsai2014", settings={"tsai2014": {name: value}}).build()
 
 
+def test_impossible_values_of_what_a_scheme_does_not_need_are_refused_too() -> None:
+    with pytest.raises(UsageError, match="rays"):
+        Recipe("apex", settings={"sdf": {"rays": 0}}).build()
+
+
+def test_only_what_a_scheme_needs_is_made(monkeypatch) -> None:
+    made: list[str] = []
+    build = Recipe.build_segmenter
+    monkeypatch.setattr(
+        Recipe, "build_segmenter", lambda self: made.append(self.scheme) or build(self)
+    )
+    for name in ("apex", "cho2007", "tsai2014"):
+        Recipe(name).build()
+    assert made == ["tsai2014"]
+
+
 def test_unknown_names_list_the_known() -> None:
     with pytest.raises(UsageError, match=r"known are: .*tsai2014"):
         Recipe("tsai2015")
