@@ -17,7 +17,7 @@ from meshmark_plugins.schemes.apex.marking.energy import (
     guard_weights,
 )
 from meshmark_plugins.schemes.apex.marking.sliding import REFERENCE_SPREAD, SlidingCost
-from meshmark_plugins.schemes.apex.marking.stretching import STRETCHING_WEIGHT, stretching_cost
+from meshmark_plugins.schemes.apex.marking.stretching import STRETCHING_WEIGHT, stretching_energy
 
 WIDTH = 0.045
 FAR = np.inf
@@ -93,13 +93,13 @@ def test_sliding_over_a_bend_costs_more():
 
 def test_stretching_costs_the_square_of_the_slope_and_shifting_nothing():
     V, F = plane(9, side=3.0)
-    S = stretching_cost(V, F, WIDTH).matrix()
+    S = stretching_energy(V, F, WIDTH).matrix()
     d = 2.0 * V[:, 0] - V[:, 1]
     assert d @ S @ d == pytest.approx(STRETCHING_WEIGHT * (WIDTH / (2 * np.pi)) ** 2 * 5.0 * 9.0)
     np.testing.assert_allclose(S @ np.ones(len(V)), 0.0, atol=1e-15)
-    larger = stretching_cost(100.0 * V, F, WIDTH).matrix()
+    larger = stretching_energy(100.0 * V, F, WIDTH).matrix()
     np.testing.assert_allclose(larger.toarray(), S.toarray(), atol=1e-15)
-    dearer = stretching_cost(V, F, WIDTH).matrix(np.full(len(F), 3.0))
+    dearer = stretching_energy(V, F, WIDTH).matrix(np.full(len(F), 3.0))
     np.testing.assert_allclose(dearer.toarray(), 3.0 * S.toarray(), atol=1e-15)
 
 
@@ -110,7 +110,7 @@ def test_the_strain_of_a_linear_displacement_is_that_of_its_matrix(seed, side):
     V, F = plane(6, side=side)
     V = V + 0.02 * side * rng.normal(size=V.shape) * [1.0, 1.0, 0.0]
     A = rng.normal(size=(3, 3))
-    stretching = stretching_cost(V, F, WIDTH)
+    stretching = stretching_energy(V, F, WIDTH)
     root_area = np.sqrt(face_areas(V, F).sum())
     strains = stretching.strains((V @ A.T / root_area).ravel())
     # What A does to lengths in the plane; its third column is not asked.

@@ -21,9 +21,9 @@ from meshmark_plugins.schemes.apex.marking.displacement_transfer import Displace
 from meshmark_plugins.schemes.apex.marking.plan import (
     MAX_POSES_PER_KEYFRAME,
     SurfacePlan,
+    limit_mrms,
     poses_of_keyframe,
     spread_keyframes,
-    within_limit,
 )
 from meshmark_plugins.schemes.apex.scheme import Apex
 
@@ -136,11 +136,11 @@ def test_marking_fits_what_was_laid_on_the_surface_to_it(gallop, gallop_plan):
 
 def test_a_plan_is_weakened_to_the_limit_and_not_much_below_it(gallop, gallop_plan):
     limit = 0.4 * mean_mrms(gallop_plan, gallop)
-    weaker = within_limit(gallop_plan, gallop, limit)
+    weaker = limit_mrms(gallop_plan, gallop, limit)
     assert 0.9 * limit < mean_mrms(weaker, gallop) <= limit
     # All of it alike.
     for t in range(3):
         np.testing.assert_allclose(
             weaker.displacement(t), weaker.scale * gallop_plan.displacement(t), atol=1e-12
         )
-    assert within_limit(gallop_plan, gallop, 1e-2) is gallop_plan
+    assert limit_mrms(gallop_plan, gallop, 1e-2) is gallop_plan

@@ -7,11 +7,11 @@ import pytest
 
 from meshmark.mesh.geometry import face_areas, vertex_areas
 from meshmark.testing.meshes import icosphere, plane, revolution, torus
-from meshmark_plugins.schemes.apex.chips.whitening import whitening
+from meshmark_plugins.schemes.apex.chips.whitening import inverse_density
 from meshmark_plugins.schemes.apex.linear_algebra.laplacian import (
     MAX_COTANGENT,
     cotangent_weights,
-    stiffness,
+    stiffness_matrix,
 )
 
 K, WIDTH = 14, 0.045
@@ -23,7 +23,7 @@ def root_area(V, F):
 
 def test_laplacian_of_a_plane_measures_slopes():
     V, F = plane(9, side=3.0)
-    L = stiffness(F, cotangent_weights(V, F), len(V))
+    L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
     # |grad (2 x - y)|^2 = 5 over an area of 9.
     f = 2.0 * V[:, 0] - V[:, 1]
     assert f @ L @ f == pytest.approx(45.0)
@@ -44,7 +44,7 @@ def test_slivers_and_triangles_without_area_get_bounded_weights():
 
 def test_weights_of_an_even_mesh_are_even_and_sum_to_one():
     V, F = icosphere(5)
-    weights = whitening(V, F, root_area(V, F), WIDTH / 2.0)
+    weights = inverse_density(V, F, root_area(V, F), WIDTH / 2.0)
     assert weights.sum() == pytest.approx(1.0, abs=0.005)
     # An icosphere's vertex areas differ by half; evened out over the length, they do by less.
     areas = vertex_areas(V, F)
@@ -54,7 +54,7 @@ def test_weights_of_an_even_mesh_are_even_and_sum_to_one():
 
 def test_weights_on_a_torus_follow_the_area_between_its_meridians():
     V, F = torus(160, 64)
-    weights = whitening(V, F, root_area(V, F), WIDTH / 2.0)
+    weights = inverse_density(V, F, root_area(V, F), WIDTH / 2.0)
     assert weights.sum() == pytest.approx(1.0, abs=0.005)
     np.testing.assert_allclose(weights * len(V), np.hypot(V[:, 0], V[:, 1]), rtol=0.04)
 
@@ -65,7 +65,7 @@ def test_twice_the_density_halves_the_weight_over_the_length_asked_for():
     z = np.concatenate([np.linspace(0.0, 2.0, 41)[:-1], np.linspace(2.0, 4.0, 81)])
     V, F = revolution(np.full(len(z), 0.6), z, n)
     length = WIDTH / 2.0 * root_area(V, F)
-    weights = whitening(V, F, root_area(V, F), WIDTH / 2.0)[:-2].reshape(-1, n)
+    weights = inverse_density(V, F, root_area(V, F), WIDTH / 2.0)[:-2].reshape(-1, n)
     # The density, from 1 to 2, diffused along the tube.
     x = (z - 2.0) / length
     density = 1.5 + np.sign(x) * 0.5 * (1.0 - np.exp(-np.abs(x)))
@@ -79,9 +79,9 @@ def test_a_vertex_without_area_gets_a_weight_of_its_own():
     V, F = plane(11)
     twin = np.concatenate([V, V[[60]]])
     G = np.concatenate([F, [[60, 121, 61]]])
-    weights = whitening(twin, G, 1.0, WIDTH)
+    weights = inverse_density(twin, G, 1.0, WIDTH)
     assert np.all(np.isfinite(weights))
     assert weights.min() > 0
     # Twins share what one had: no cluster counts for more than the surface it stands on.
-    alone = whitening(V, F, 1.0, WIDTH)
+    alone = inverse_density(V, F, 1.0, WIDTH)
     assert weights[[60, 121]].sum() < 2.0 * alone[60]

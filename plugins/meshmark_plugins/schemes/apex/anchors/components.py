@@ -11,7 +11,7 @@ from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import boundary_edges, face_components
 
 # Smaller components (eyes, buttons) have no tips of their own worth marking.
-MIN_AREA_SHARE = 0.02
+MIN_COMPONENT_AREA_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Component:
 
 
 def large_components(V: FloatArray, F: IntArray, label: IntArray | None = None) -> list[Component]:
-    """Split a mesh into its connected components of at least `MIN_AREA_SHARE` of the area.
+    """Find the components of a mesh that have at least `MIN_COMPONENT_AREA_SHARE` of its area.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def large_components(V: FloatArray, F: IntArray, label: IntArray | None = None) 
     """
     label = face_components(F) if label is None else label
     areas = np.bincount(label, face_areas(V, F))
-    large = np.flatnonzero(areas >= MIN_AREA_SHARE * areas.sum())
+    large = np.flatnonzero(areas >= MIN_COMPONENT_AREA_SHARE * areas.sum())
     first = np.array([int(np.argmax(label == number)) for number in large])
     ordered = large[np.lexsort((first, -areas[large]))]
     return [_component(F[label == number]) for number in ordered]

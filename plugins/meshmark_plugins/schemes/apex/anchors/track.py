@@ -32,7 +32,7 @@ SAME_ANCHOR_DISTANCE = 0.05
 # moves.
 MIN_BORDER_DISTANCE = 0.02
 # Iterations of smoothing after which an anchor must be detected again.
-SMOOTHING_ITERATIONS = 10
+TRIAL_SMOOTHING_ITERATIONS = 10
 
 
 class FrameAnchors:
@@ -197,7 +197,7 @@ def _survivors(
     topology: Topology, V: FloatArray, F: IntArray, anchors: IntArray, near: float
 ) -> IntArray:
     """Keep the anchors that are detected again after smoothing; all if none is."""
-    smoothed = smooth(V, polygon_umbrella(topology), SMOOTHING_ITERATIONS)
+    smoothed = smooth(V, polygon_umbrella(topology), TRIAL_SMOOTHING_ITERATIONS)
     again, _ = anchors_if_any(smoothed, F)
     if not again.size:
         return anchors

@@ -37,7 +37,7 @@ FREE_SCALES_PER_STEP = 8
 # Prior of a unit by how many steps it is above the root area: even up to as far as the nearest
 # member can be, then falling exponentially, and nowhere below a floor. Cropping makes a root area
 # shorter than its unit by much, noise longer by little.
-FLAT_STEPS, DECAY_ABOVE, DECAY_BELOW, PRIOR_FLOOR = 0.5, 0.6, 0.2, 0.05
+FLAT_STEPS, DECAY_STEPS_ABOVE, DECAY_STEPS_BELOW, PRIOR_FLOOR = 0.5, 0.6, 0.2, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class ScaleHypotheses:
         jitter = np.concatenate([np.ones(len(free)), np.tile(SCALE_JITTER, SERIES_PERIOD)])
         steps = ratio_to_steps(relative_units(root_area, residue))
         prior = np.exp(
-            -np.maximum(0.0, steps - FLAT_STEPS) / DECAY_ABOVE
-            - np.maximum(0.0, -FLAT_STEPS - steps) / DECAY_BELOW
+            -np.maximum(0.0, steps - FLAT_STEPS) / DECAY_STEPS_ABOVE
+            - np.maximum(0.0, -FLAT_STEPS - steps) / DECAY_STEPS_BELOW
         )
         prior += PRIOR_FLOOR
         prior[len(free) :] *= np.tile(SCALE_JITTER_PRIOR, SERIES_PERIOD)

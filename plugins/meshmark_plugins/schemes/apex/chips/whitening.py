@@ -8,8 +8,11 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
-from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
-from meshmark_plugins.schemes.apex.linear_algebra.laplacian import cotangent_weights, stiffness
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
+from meshmark_plugins.schemes.apex.linear_algebra.laplacian import (
+    cotangent_weights,
+    stiffness_matrix,
+)
 
 CG_ITERATIONS = 60
 CG_TOLERANCE = 1e-7
@@ -19,10 +22,10 @@ MIN_VERTEX_AREA_SHARE = 1e-3
 
 def whitening_weights(field: GeodesicField, width: float) -> FloatArray:
     """Whitening weights of a component's vertices, (n,), on the scale of half a bin."""
-    return whitening(field.V, field.component.faces, field.length_scale, width / 2.0)
+    return inverse_density(field.V, field.component.faces, field.length_scale, width / 2.0)
 
 
-def whitening(V: FloatArray, F: IntArray, root_area: float, length: float) -> FloatArray:
+def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float) -> FloatArray:
     """Weight of each vertex that makes the weighted density even on the scale of `length`.
 
     Parameters
@@ -44,7 +47,11 @@ def whitening(V: FloatArray, F: IntArray, root_area: float, length: float) -> Fl
     """
     areas = vertex_areas(V, F) / root_area**2
     areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
-    A = csr_matrix(diags_array(areas) + length**2 * stiffness(F, cotangent_weights(V, F), len(V)))
+    A = csr_matrix(
+        diags_array(areas) + length**2 * stiffness_matrix(F, cotangent_weights(V, F), len(V))
+    )
     n = len(V)
-    y = solve(A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)
+    y = conjugate_gradients(
+        A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
+    )
     return 1.0 / np.maximum(y, 1e-9 * n)

@@ -8,7 +8,7 @@ from typing import Any
 from meshmark.arrays import FloatArray
 
 
-def solve(
+def conjugate_gradients(
     A: Any,
     b: FloatArray,
     x: FloatArray,

@@ -31,7 +31,7 @@ def cotangent_weights(V: FloatArray, F: IntArray) -> FloatArray:
     return weights
 
 
-def stiffness(F: IntArray, weights: FloatArray, n_points: int) -> csr_matrix:
+def stiffness_matrix(F: IntArray, weights: FloatArray, n_points: int) -> csr_matrix:
     """Assemble the matrix L with x^T L x = sum of w |x_i - x_j|^2 over the sides of triangles.
 
     Parameters

@@ -10,7 +10,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.marking.sliding import SlidingCost
-from meshmark_plugins.schemes.apex.marking.stretching import Stretching, stretching_cost
+from meshmark_plugins.schemes.apex.marking.stretching import StretchingEnergy, stretching_energy
 
 # About an anchor vertices hardly move, or it would be found elsewhere; in root areas.
 GUARD_RADIUS = 0.05
@@ -19,7 +19,7 @@ MIN_MOBILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Energy:
+class DisplacementEnergy:
     """A quadratic cost of displacements, which are given in root areas of the mesh.
 
     Parameters
@@ -31,7 +31,7 @@ class Energy:
     """
 
     blocks: FloatArray
-    stretching: Stretching
+    stretching: StretchingEnergy
 
     def weighted(self, moving: FloatArray, stretching: FloatArray) -> WeightedEnergy:
         """Make moving vertex i `moving[i]`, and stretching triangle f `stretching[f]` as dear."""
@@ -68,7 +68,7 @@ def guard_weights(H: FloatArray) -> FloatArray:
 
 def energy_over_poses(
     poses: list[tuple[FloatArray, FloatArray]], V: FloatArray, F: IntArray, width: float
-) -> Energy:
+) -> DisplacementEnergy:
     """Cost of a displacement of V (N, 3) that is carried through several poses.
 
     Parameters
@@ -82,7 +82,7 @@ def energy_over_poses(
     ]
     share = vertex_areas(V, F)
     share = share / share.sum()
-    return Energy(
+    return DisplacementEnergy(
         blocks=np.mean(carried, axis=0) * share[:, None, None],
-        stretching=stretching_cost(V, F, width),
+        stretching=stretching_energy(V, F, width),
     )

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, vertex_normals
-from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 FITTING_ROUNDS = 2
 CG_ITERATIONS = 12
@@ -69,4 +69,6 @@ def _offsets(
     diagonal = A.diagonal()
     A = csr_matrix(A + FIT_DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
     b = M.T @ (wanted * weight[:, None]).ravel()
-    return solve(A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)
+    return conjugate_gradients(
+        A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
+    )

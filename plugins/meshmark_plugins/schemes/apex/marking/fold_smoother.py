@@ -11,7 +11,7 @@ from meshmark.mesh.flip_guard import face_normals
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import vertex_adjacency
 
-SMOOTHING_ITERATIONS = 20
+FOLD_SMOOTHING_ITERATIONS = 20
 # A face folds if the cosine of its tilt is less than this: it is smoothed sooner than the flip
 # guard would hold it back, which halves its corners' moves, and so folds the faces beside it.
 MIN_TILT_COSINE = 0.35
@@ -53,7 +53,7 @@ class FoldSmoother:
             With few folds left; none is promised.
         """
         moves = d.reshape(-1, 3).copy()
-        for _ in range(SMOOTHING_ITERATIONS):
+        for _ in range(FOLD_SMOOTHING_ITERATIONS):
             corners = np.unique(self._F[self.folded_faces(moves)])
             if corners.size == 0:
                 break

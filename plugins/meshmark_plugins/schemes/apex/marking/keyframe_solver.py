@@ -13,7 +13,11 @@ from meshmark.arrays import FloatArray
 from meshmark.workers.ordered_map import Workers
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
-from meshmark_plugins.schemes.apex.marking.energy import Energy, energy_over_poses, guard_weights
+from meshmark_plugins.schemes.apex.marking.energy import (
+    DisplacementEnergy,
+    energy_over_poses,
+    guard_weights,
+)
 from meshmark_plugins.schemes.apex.marking.fold_smoother import FoldSmoother
 from meshmark_plugins.schemes.apex.marking.pose_constraints import (
     PoseConstraints,
@@ -89,7 +93,7 @@ class KeyframeSolver:
         ]
         self.cache.update(zip(poses, self.workers.map(tasks), strict=True))
 
-    def _guarded(self, energy: Energy, poses: list[int]) -> Energy:
+    def _guarded(self, energy: DisplacementEnergy, poses: list[int]) -> DisplacementEnergy:
         """Make moves dear about the anchors that some poses show."""
         shown = np.concatenate([self.constraints.pose_vertices[t] for t in poses])
         for guard in self.guards:

@@ -135,7 +135,7 @@ def plan_animation(
     with Workers(constraints, min(jobs, len(animation))) as workers:
         solved = solve_keyframes(constraints, guards, workers, poses, jobs)
     plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
-    return within_limit(plan, animation, parameters.max_mrms, jobs)
+    return limit_mrms(plan, animation, parameters.max_mrms, jobs)
 
 
 def spread_keyframes(n_frames: int, keyframe_interval: int) -> FloatArray:
@@ -152,7 +152,7 @@ def poses_of_keyframe(keyframes: FloatArray, j: int, n_frames: int) -> list[int]
     return [int(t) for t in np.unique(spread.round())]
 
 
-def within_limit(
+def limit_mrms(
     plan: SurfacePlan, animation: MeshAnimation, max_mrms: float, jobs: int = 1
 ) -> SurfacePlan:
     """Weaken a plan until it distorts no more than it may."""

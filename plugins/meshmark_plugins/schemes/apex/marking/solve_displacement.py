@@ -10,8 +10,8 @@ from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
-from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import solve
-from meshmark_plugins.schemes.apex.marking.energy import Energy, WeightedEnergy
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
+from meshmark_plugins.schemes.apex.marking.energy import DisplacementEnergy, WeightedEnergy
 
 # Rounds of reweighting: which chips still fall short, what moved or stretched far, solve.
 REWEIGHTING_ROUNDS = 4
@@ -49,7 +49,10 @@ class LinearConstraints:
 
 
 def solve_displacement(
-    constraints: list[LinearConstraints], energy: Energy, reach: float, start: FloatArray
+    constraints: list[LinearConstraints],
+    energy: DisplacementEnergy,
+    reach: float,
+    start: FloatArray,
 ) -> FloatArray:
     """Minimise the energy plus the chips' squared shortfalls times their prices.
 
@@ -96,11 +99,15 @@ def solve_displacement(
         cost = energy.weighted(moving, stretching)
         operator = _Operator(cost, J, JT, active)
         inverse = _Preconditioner(cost, constraints, active)
-        d = solve(operator, JT @ (active * change), d, inverse, CG_ITERATIONS, CG_TOLERANCE)
+        d = conjugate_gradients(
+            operator, JT @ (active * change), d, inverse, CG_ITERATIONS, CG_TOLERANCE
+        )
     return d
 
 
-def _penalties(energy: Energy, reach: float, d: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _penalties(
+    energy: DisplacementEnergy, reach: float, d: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Factors to the squared cost of moving each vertex, and of stretching each triangle."""
     length = lengths(d.reshape(-1, 3))
     strain = energy.stretching.strains(d)

@@ -9,18 +9,18 @@ from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
-from meshmark_plugins.schemes.apex.linear_algebra.laplacian import stiffness
+from meshmark_plugins.schemes.apex.linear_algebra.laplacian import stiffness_matrix
 
 # Weight of stretching beside moving, for stretches over a bin.
 STRETCHING_WEIGHT = 3.0
 # A triangle smaller than the mean one is made stiffer by the ratio of areas, but no more than this.
 MAX_SLIVER_WEIGHT = 50.0
 # Smallest area, as a share of the mean one, that gradients over a triangle are divided by.
-MIN_AREA_SHARE = 1e-3
+MIN_TRIANGLE_AREA_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Stretching:
+class StretchingEnergy:
     """The Dirichlet energy of displacements of a surface, triangle by triangle.
 
     Parameters
@@ -55,10 +55,10 @@ class Stretching:
     def matrix(self, factor: FloatArray | float = 1.0) -> csr_matrix:
         """Assemble the cost (N, N), each triangle made `factor` times as dear."""
         by_corner = 0.5 * self.corner_products * (factor * self.weight / self.double_areas)[:, None]
-        return stiffness(self.F, by_corner, self.n_points)
+        return stiffness_matrix(self.F, by_corner, self.n_points)
 
 
-def stretching_cost(V: FloatArray, F: IntArray, width: float) -> Stretching:
+def stretching_energy(V: FloatArray, F: IntArray, width: float) -> StretchingEnergy:
     """Cost of stretching: the sum over triangles of |grad d|^2, for stretches over a bin.
 
     Each triangle counts with the mean area: a sliver folds as easily as any other triangle, so
@@ -81,8 +81,8 @@ def stretching_cost(V: FloatArray, F: IntArray, width: float) -> Stretching:
         u = V[F[:, (k + 1) % 3]] - V[F[:, k]]
         v = V[F[:, (k + 2) % 3]] - V[F[:, k]]
         corner_products[:, k] = np.einsum("ij,ij->i", u, v) / total
-    double_areas = 2.0 * np.maximum(areas, MIN_AREA_SHARE * mean) / total
+    double_areas = 2.0 * np.maximum(areas, MIN_TRIANGLE_AREA_SHARE * mean) / total
     length = width / (2.0 * np.pi)
-    return Stretching(
+    return StretchingEnergy(
         F, corner_products, double_areas, STRETCHING_WEIGHT * length**2 * heavier, len(V)
     )
