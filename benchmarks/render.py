@@ -21,7 +21,6 @@ _AMBIENT = 0.25
 _KEY = 0.75
 _FILL = 0.20
 _SHADOW = 0.45
-_GROUND_SHADOW = 0.62
 _GAMMA = 2.2
 
 
@@ -69,10 +68,8 @@ def render_frame(
     view: View | None = None,
     size: tuple[int, int] = (960, 640),
     samples: int = 2,
-    smooth: bool = True,
-    ground: float | None = None,
 ) -> Image:
-    """Ray-cast one frame: Lambert shading with a key light, a fill light and a cast shadow.
+    """Ray-cast one frame: Lambert shading with a key light, a fill light and a shadow on itself.
 
     Parameters
     ----------
@@ -89,10 +86,6 @@ def render_frame(
         Width and height in pixels.
     samples : int
         Rays per pixel along each axis (antialiasing).
-    smooth : bool
-        Interpolate normals over the faces; False shows the facets.
-    ground : float, optional
-        Height of a ground plane that receives the shadow; none if not given.
 
     Returns
     -------
@@ -118,10 +111,7 @@ def render_frame(
     hit, points, uv = studio.first_hit(origins)
     picture = np.ones((len(origins), 3))
     seen = hit >= 0
-    if ground is not None:
-        up = 2 if view.up_axis == "Z" else 1
-        picture[~seen] = studio.shadow_on_ground(origins[~seen], ground, up)[:, None]
-    normals = _normals_at(V, F, hit[seen], uv[seen], smooth)
+    normals = _normals_at(V, F, hit[seen], uv[seen])
     picture[seen] = shades[hit[seen]] * studio.light(points[seen], normals)[:, None]
     picture = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     return np.round(255.0 * np.clip(picture, 0.0, 1.0) ** (1.0 / _GAMMA)).astype(np.uint8)
@@ -186,14 +176,6 @@ class _Studio:
             + _KEY * key * np.where(shadow, _SHADOW, 1.0)
         )
 
-    def shadow_on_ground(self, origins: FloatArray, ground: float, up: int) -> FloatArray:
-        """Return the brightness of the ground behind rays that miss the mesh, (rays,)."""
-        fall = float(self._toward_eye[up])
-        if fall <= 1e-6:
-            return np.ones(len(origins))
-        points = origins - ((origins[:, up] - ground) / fall)[:, None] * self._toward_eye
-        return np.where(self._shadow(points), _GROUND_SHADOW, 1.0)
-
     def _shadow(self, points: FloatArray) -> NDArray[np.bool_]:
         return np.isfinite(self._cast(points, self._key)["t_hit"])
 
@@ -202,17 +184,12 @@ def _unit(vector: FloatArray) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def _normals_at(
-    V: FloatArray, F: IntArray, face: IntArray, uv: FloatArray, smooth: bool
-) -> FloatArray:
-    """Return unit normals at points of faces, (rays, 3)."""
+def _normals_at(V: FloatArray, F: IntArray, face: IntArray, uv: FloatArray) -> FloatArray:
+    """Interpolate the vertices' normals at points of faces, (rays, 3), unit."""
     area = np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
-    if smooth:
-        at_vertex = np.zeros_like(V)
-        np.add.at(at_vertex, F.reshape(-1), np.repeat(area, 3, axis=0))
-        weights = np.column_stack([1 - uv.sum(axis=1), uv])
-        normals = np.einsum("rk,rkd->rd", weights, at_vertex[F[face]])
-    else:
-        normals = area[face]
+    at_vertex = np.zeros_like(V)
+    np.add.at(at_vertex, F.reshape(-1), np.repeat(area, 3, axis=0))
+    weights = np.column_stack([1 - uv.sum(axis=1), uv])
+    normals = np.einsum("rk,rkd->rd", weights, at_vertex[F[face]])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return normals / np.where(length > 0, length, 1.0)

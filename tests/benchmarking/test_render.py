@@ -40,16 +40,6 @@ def test_the_up_axis_is_up(up_axis: str) -> None:
     assert axes[1] @ up == pytest.approx(np.cos(np.radians(20)))
 
 
-def test_the_ground_takes_a_shadow() -> None:
-    above = SQUARE @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) + [0, 1, 0]
-    view = View(azimuth=0, elevation=30, center=(0, 0, 0), span=8)
-    with_ground = render_frame(above, FACES, view=view, size=(80, 80), samples=1, ground=0.0)
-    without = render_frame(above, FACES, view=view, size=(80, 80), samples=1)
-    darker = np.any(with_ground < without, axis=2)
-    assert 20 < darker.sum() < 2000
-    assert np.all(without[darker] == 255)
-
-
 def test_equal_input_gives_equal_pictures() -> None:
     assert np.array_equal(*(render_frame(SQUARE, FACES, size=(60, 40)) for _ in range(2)))
 
