@@ -64,7 +64,7 @@ def _wrong_share(evidence, key) -> np.ndarray:
     """Share of wrong bits over all parts, each against its own word, frame by frame."""
     words = evidence.words(key, None)
     carriers = np.arange(min(evidence.carriers, len(words)))
-    bits = np.sign(evidence.variants[0].reading(0)[:, carriers])
+    bits = np.sign(evidence.variants[0].under(0)[:, carriers])
     held = bits != 0
     wrong = held & (bits != words[carriers])
     return wrong.sum(axis=(1, 2)) / held.sum(axis=(1, 2))

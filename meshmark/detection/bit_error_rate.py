@@ -54,9 +54,9 @@ def bit_errors(evidence: Evidence, words: IntArray) -> BitErrors:
     nor wrong: they leave the numerator and the denominator. A part that decides less than half
     of its bits in a frame is left out of that frame.
 
-    Where vertices keep their identity and there is one reading, which part holds which word is
+    Where vertices keep their identity and there is one hypothesis, which part holds which word is
     told by all frames together. Otherwise each frame is taken by itself, as the published protocol
-    does: a part of one frame need not be there in another, and of several readings the one that
+    does: a part of one frame need not be there in another, and of several hypotheses the one that
     speaks most for the words is taken, which need not be the same in every pose. Where vertices
     keep their identity, what it says in all frames together counts beside what it says in one:
     the copy was treated alike in all of them.
@@ -78,12 +78,12 @@ def _read_in_one_way(evidence: Evidence) -> bool:
 
 
 def _errors_of(evidence: Evidence, words: IntArray, scores: list[FloatArray]) -> BitErrors:
-    """Compare the bits of frames whose parts hold the same words, in the best reading."""
+    """Compare the bits of frames whose parts hold the same words, under the best hypothesis."""
     best = int(np.argmax([score.max() for score in scores]))
-    variant, reading = evidence.variants[best], int(np.argmax(scores[best]))
-    posterior = variant.posterior and variant.posterior.under(reading)
-    fit = _fits(variant.pooled[[reading]], words, posterior)[0]
-    steps = variant.reading(reading)
+    variant, hypothesis = evidence.variants[best], int(np.argmax(scores[best]))
+    posterior = variant.posterior and variant.posterior.under(hypothesis)
+    fit = _fits(variant.pooled[[hypothesis]], words, posterior)[0]
+    steps = variant.under(hypothesis)
     # Rounded like the evidence itself: what is just as much does not exceed it.
     decided = np.abs(steps.astype(np.int64)) > np.rint(evidence.bit_threshold * STEPS)
     return _bit_errors(fit, np.where(decided, steps, 0), words)
@@ -92,7 +92,7 @@ def _errors_of(evidence: Evidence, words: IntArray, scores: list[FloatArray]) ->
 def _scores(
     evidence: Evidence, words: IntArray, beside: list[FloatArray] | None = None
 ) -> list[FloatArray]:
-    """How much each reading of each variant speaks for the words, and did so before, (R,) each.
+    """How much each hypothesis of each variant speaks for the words, and did so before, (R,) each.
 
     Where places tell words, that is the logarithm of the e-value: the more false carriers there
     are, the better some word fits each of them by luck.

@@ -75,7 +75,7 @@ class Aligned:
         Evidence in the type it was given; a carrier missing from a frame is all erasures there.
         Made from the observations whenever a frame is read.
     log_prior : (R,) float64
-        Log belief in each reading.
+        Log belief in each hypothesis.
     """
 
     frames: Sequence[FrameEvidence]

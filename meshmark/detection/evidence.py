@@ -49,7 +49,7 @@ class RestoredVariant:
     log_belief : float
         Log belief in this hypothesis, beside those of the other variants.
     log_prior : (R,) float64
-        Log belief in each reading; the exponentials sum to at most 1.
+        Log belief in each hypothesis; the exponentials sum to at most 1.
     frames : sequence of T FrameEvidence
         At least one; all of the same shape. Of long animations they need not be in memory: they
         are asked for one at a time.
@@ -77,12 +77,12 @@ class RestoredVariant:
 
     @cached_property
     def shape(self) -> tuple[int, int, int, int]:
-        """Numbers of frames, readings, carriers and chips: T, R, C and K."""
+        """Numbers of frames, hypotheses, carriers and chips: T, R, C and K."""
         R, C, K = self.frames[0].steps.shape
         return len(self.frames), R, C, K
 
-    def reading(self, index: int) -> NDArray[np.int8]:
-        """Evidence of all frames as one reading gives it, (T, C, K), in units of 1 / `STEPS`."""
+    def under(self, index: int) -> NDArray[np.int8]:
+        """Evidence of all frames under one hypothesis, (T, C, K), in units of 1 / `STEPS`."""
         return np.array([frame.steps[index] for frame in self.frames])
 
     @cached_property
@@ -117,7 +117,7 @@ class RestoredVariant:
 
     @property
     def belief(self) -> FloatArray:
-        """Log belief in each reading of this variant, (R,)."""
+        """Log belief in each hypothesis of this variant, (R,)."""
         return self.log_prior + self.log_belief
 
     def select(self, indices: Sequence[int]) -> RestoredVariant:
@@ -176,7 +176,7 @@ class Evidence:
     @cached_property
     def held(self) -> BoolArray:
         """Chips of the mesh as it stands that are held in some frame, (C, K) bool."""
-        return np.asarray(self.variants[0].reading(0).any(axis=0))
+        return np.asarray(self.variants[0].under(0).any(axis=0))
 
     @property
     def n_chips(self) -> int:

@@ -30,7 +30,7 @@ class HypothesisResult:
         Whose words were tried; None for the owner's own.
     log10_p : float
         Bound for all frames together, corrected for multiple testing over
-        readings and assignments of words.
+        hypotheses and assignments of words.
     log10_p_per_frame : (T,) float64
         The same for each frame alone.
     errors : BitErrors
@@ -105,7 +105,7 @@ def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
 
     Notes
     -----
-    Some frames may be spoilt (poses that a retiming made up), want different readings, or have
+    Some frames may be spoilt (poses that a retiming made up), want different hypotheses, or have
     had their carriers matched wrongly. Some of the belief is therefore in the frames each by
     itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
     of those whose words fit all frames together best; for the others it counts as 0.

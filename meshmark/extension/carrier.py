@@ -71,11 +71,11 @@ class Observation:
     Parameters
     ----------
     soft : (R, C, K) float or int8
-        Evidence of the K chips of C carriers in [-1, 1], for each of R readings; 0 for an
+        Evidence of the K chips of C carriers in [-1, 1], for each of R hypotheses; 0 for an
         erasure, which says neither +1 nor -1. Measured without any key. Schemes give it as
         floats; what is kept of it are the int8 steps of `meshmark.detection.evidence.in_steps`.
     log_prior : (R,) float64
-        Natural logarithm of the belief in each reading; the exponentials sum to at most 1.
+        Natural logarithm of the belief in each hypothesis; the exponentials sum to at most 1.
     descriptors : (C, m) float64
         Shapes of the carriers, by which they are told apart between frames.
     vertices : (C,) int or None

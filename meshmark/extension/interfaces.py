@@ -170,7 +170,7 @@ class Scheme(Protocol):
     follows_vertices: bool
 
     def observe(self, frame: Frame, reference: Frame | None = None) -> Observation:
-        """Measure a frame alone: every carrier, under every reading.
+        """Measure a frame alone: every carrier, under every hypothesis.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Scheme(Protocol):
             As analysis sees it.
         reference : Frame, optional
             A frame of the same mesh, the same for all that are measured: what depends on the
-            size of the mesh is taken from it, so that readings mean the same in every pose.
+            size of the mesh is taken from it, so that hypotheses mean the same in every pose.
 
         Raises
         ------

@@ -106,7 +106,7 @@ class SchemeSuite(AnySchemeSuite):
         np.testing.assert_array_equal(given.observe(frame).soft, bare.observe(frame).soft)
 
     def test_sightings_are_sound(self, scheme: Scheme, animation: MeshAnimation) -> None:
-        """Evidence and beliefs in range; readings are the same ones in every frame."""
+        """Evidence and beliefs in range; hypotheses are the same ones in every frame."""
         observations = [scheme.observe(frame) for frame in analysed(animation)]
         for observation, frame in zip(observations, analysed(animation), strict=True):
             assert_sound(observation, frame, scheme.n_chips)

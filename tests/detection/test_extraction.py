@@ -201,7 +201,7 @@ def test_what_may_have_been_done_to_a_copy_shares_one_belief(restorations) -> No
 
 def test_a_frame_without_carriers_is_silent() -> None:
     evidence = extract(still(3), noise_at([0, 2]), NAME)
-    assert [bool(np.any(steps)) for steps in evidence.variants[0].reading(0)] == [True, False, True]
+    assert [bool(np.any(steps)) for steps in evidence.variants[0].under(0)] == [True, False, True]
 
 
 def test_no_carriers_at_all_name_the_mesh() -> None:
