@@ -51,7 +51,7 @@ EMBED_STAGES = (
     (f"{APEX}.marking.plan", "surface_distance", "keeping to the limit"),
 )
 LOOK_STAGES = (
-    ("meshmark.detection.extraction", "unsmooth", "undoing smoothing"),
+    ("meshmark.detection.observer", "unsmooth", "undoing smoothing"),
     (f"{APEX}.anchors.detect", "large_components", "components"),
     (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
     (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
