@@ -27,10 +27,9 @@ def decide(
     fpr: float = 1e-6,
     n_schemes: int = 1,
     share: float = 1.0,
-    elapsed_s: float = 0.0,
     notes: Sequence[str] = (),
 ) -> Verdict:
-    """Answer for a source from the evidence of its meshes.
+    """Answer for a source from the evidence of its meshes; whoever measured sets the seconds.
 
     Parameters
     ----------
@@ -64,7 +63,7 @@ def decide(
             for item, each in zip(evidence, corrections, strict=True)
         ]
     if not judged:
-        return Verdict(source, "inconclusive", 0.0, None, elapsed_s, (), tuple(notes))
+        return Verdict(source, "inconclusive", 0.0, None, 0.0, (), tuple(notes))
     by_prim: dict[str, list[_Judged]] = {}
     for one in judged:
         for prim in (one.evidence.prim, *one.evidence.also):
@@ -78,7 +77,7 @@ def decide(
         verdict=answer,
         log10_p=best.log10_p,
         recipient=best.findings[0].recipient if answer == "marked" else None,
-        elapsed_s=elapsed_s,
+        elapsed_s=0.0,
         prims=prims,
         notes=tuple(notes),
         recipients=recipients_found,

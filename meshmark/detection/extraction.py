@@ -201,7 +201,6 @@ def extract(
     *,
     frames: Sequence[int] | None = None,
     jobs: int = 1,
-    progress: FrameProgress | None = None,
 ) -> Evidence:
     """Measure the evidence of one mesh.
 
@@ -220,4 +219,4 @@ def extract(
     chosen = range(len(animation)) if frames is None else frames
     view = Extraction(animation, scheme, scheme_name, jobs=jobs)
     view.settle(chosen)
-    return view.look(view.worth_observing(chosen), progress=progress)
+    return view.look(view.worth_observing(chosen))
