@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshmark.benchmarking.marked_copies import COLLUDER, MarkedCopy, copy_of, make_copy
+from meshmark.benchmarking.marked_copies import MarkedCopy, copy_of, make_copy, recipients
 from meshmark.benchmarking.report_document import Outcome, document_of
 from meshmark.benchmarking.store import FORMAT, Store, code_hash, identity_hash
 from meshmark.benchmarking.subjects import Subject, count_distinct, subjects_of
@@ -166,11 +166,8 @@ def _mark(
     jobs: int,
     progress: StageProgress | None,
 ) -> Pairing:
-    recipients: list[str | None] = [None]
-    if any(cell.copy_as is not None for cell in suite.cells):
-        recipients.append(COLLUDER)
     copies: list[MarkedCopy] = []
-    for recipient in recipients:
+    for recipient in recipients(max((cell.others for cell in suite.cells), default=0)):
         identity = copy_identity(bench, place, subject, recipe, recipient)
         name = f"{Path(subject.asset).stem}-{recipe.scheme}-{identity_hash(identity)[:8]}.usdc"
         path = place.copies / name

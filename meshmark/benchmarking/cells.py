@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from meshmark.benchmarking.marked_copies import MarkedCopy
 from meshmark.benchmarking.subjects import Subject, in_memory, select_first
-from meshmark.benchmarking.suites import NO_ATTACK, Cell
+from meshmark.benchmarking.suite_rows import NO_ATTACK, Cell
 from meshmark.benchmarking.timing import StageClock, TimedRecipe
 from meshmark.commands.attack import attack_asset
 from meshmark.detection.gathering import gather
@@ -36,8 +37,7 @@ def run_cell(
     seed: int,
     recipe: Recipe,
     key: Key,
-    copy: Subject | MarkedCopy,
-    other: Subject | MarkedCopy | None,
+    copies: Sequence[Subject | MarkedCopy],
 ) -> dict[str, Any]:
     """Attack a copy and verify what is left, in JSON values.
 
@@ -45,10 +45,9 @@ def run_cell(
     ----------
     seed : int
         Of the attack; `meshmark attack --seed` with it repeats this very attack.
-    copy : Subject or MarkedCopy
-        The marked copy, or the unmarked asset for the control.
-    other : Subject or MarkedCopy, optional
-        The second copy, for attacks that need one.
+    copies : sequence of Subject or MarkedCopy
+        The marked copy, or the unmarked asset for the control; then the other copies, for attacks
+        that need them.
 
     Raises
     ------
@@ -57,10 +56,10 @@ def run_cell(
     """
     clock = StageClock()
     with clock.stage("read"):
-        asset = _loaded(copy, cell)
-        second = None if other is None else _loaded(other, cell)
+        first, *others = (_loaded(copy, cell) for copy in copies)
+        asset = in_memory(first)
     with clock.stage("attack"):
-        attacked = in_memory(_attacked(asset, cell, seed, second), stored=True)
+        attacked = in_memory(_attacked(asset, cell, seed, others), stored=True)
     timed = TimedRecipe.of(recipe, clock)
     with clock.stage("measure"):
         evidence = gather(attacked, recipes=[timed])
@@ -72,19 +71,18 @@ def run_cell(
 
 def _loaded(copy: Subject | MarkedCopy, cell: Cell) -> Asset:
     asset = copy.load()
-    return in_memory(select_first(asset) if cell.frames == "first" else asset)
+    return select_first(asset) if cell.frames == "first" else asset
 
 
-def _attacked(asset: Asset, cell: Cell, seed: int, other: Asset | None) -> Asset:
+def _attacked(asset: Asset, cell: Cell, seed: int, others: Sequence[Asset]) -> Asset:
     if cell.attack == NO_ATTACK:
         return asset
     make = partial(make_attack, cell.attack, **cell.parameters)
-    if cell.copy_as is None or other is None:
+    if not others:
         return attack_asset(asset, make(), seed)
-    pairs = zip(asset.meshes, other.meshes, strict=True)
     meshes = [
-        attack_asset(replace(asset, meshes=(mesh,)), make(**{cell.copy_as: twin}), seed).meshes[0]
-        for mesh, twin in pairs
+        attack_asset(replace(asset, meshes=(mesh,)), make(other=twins), seed).meshes[0]
+        for mesh, *twins in zip(asset.meshes, *(other.meshes for other in others), strict=True)
     ]
     return replace(asset, meshes=tuple(meshes))
 

@@ -17,8 +17,10 @@ from meshmark.sources.reading import read
 from meshmark.sources.writing import writer, written_names
 from meshmark.workers.progress import MeshProgress
 
-# Whose copy the second one of a collusion is.
-COLLUDER = "colluder"
+
+def recipients(others: int) -> list[str | None]:
+    """Name whom copies are marked for: nobody, and as many others for attacks that need more."""
+    return [None, *(f"copy {number}" for number in range(1, others + 1))]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import Any
 from meshmark.benchmarking.cells import FPR, LUCKY_BER
 from meshmark.benchmarking.published_figures import TABLE_1, TABLE_2
 from meshmark.benchmarking.subjects import Subject
-from meshmark.benchmarking.suites import Cell, Suite
+from meshmark.benchmarking.suite_rows import Cell
+from meshmark.benchmarking.suites import Suite
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.extension.recipe import Recipe
 from meshmark.metrics import Distortion

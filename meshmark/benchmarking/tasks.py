@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ from meshmark.benchmarking.cells import measure_distortion, run_cell
 from meshmark.benchmarking.marked_copies import MarkedCopy
 from meshmark.benchmarking.store import Store, identity_hash
 from meshmark.benchmarking.subjects import Subject
-from meshmark.benchmarking.suites import Cell
+from meshmark.benchmarking.suite_rows import Cell
 from meshmark.errors import MeshmarkError, PluginError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
@@ -51,8 +51,8 @@ class Pairing:
     Parameters
     ----------
     copies : tuple of MarkedCopy
-        The owner's, and a second recipient's where an attack needs one; none if the asset
-        cannot be marked.
+        The owner's, and as many recipients' as an attack needs; none if the asset cannot be
+        marked.
     error : str or None
         Why it cannot.
     """
@@ -105,19 +105,17 @@ class CellTask:
             "attack": cell.attack,
             "parameters": dict(cell.parameters),
             "frames_attacked": cell.frames,
-            "copy_as": cell.copy_as,
+            "others": cell.others,
         }
 
     def work(self) -> dict[str, Any]:
         """Attack and verify."""
         pairing, cell = self.pairing, self.cell
         seed = cell_seed(self.bench, pairing.subject, cell)
-        copy: Subject | MarkedCopy = pairing.subject
-        other: Subject | MarkedCopy = pairing.subject
+        copies: Sequence[Subject | MarkedCopy] = (pairing.subject,) * (1 + cell.others)
         if self.side == "marked":
-            copy, other = pairing.copies[0], pairing.copies[-1]
-        second = None if cell.copy_as is None else other
-        return run_cell(cell, seed, pairing.recipe, self.bench.key, copy, second)
+            copies = pairing.copies[: 1 + cell.others]
+        return run_cell(cell, seed, pairing.recipe, self.bench.key, copies)
 
 
 @dataclass(frozen=True, eq=False)

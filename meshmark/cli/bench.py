@@ -34,7 +34,9 @@ def bench(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for the report; made if missing.")
     ],
-    suite: Annotated[str, typer.Option(help="tsai2014, liris, animation, leaks or hiding.")],
+    suite: Annotated[
+        str, typer.Option(help="tsai2014, liris, animation, leaks, hiding or informed.")
+    ],
     schemes: Annotated[
         list[str], typer.Option("--scheme", help="Watermarking scheme; repeat for more.")
     ] = [DEFAULT_SCHEME],  # noqa: B006 (typer makes a new list each time)
@@ -57,7 +59,8 @@ def bench(
     """Mark every SOURCE, attack the copies, verify them blindly, and report."""
     from meshmark.benchmarking.benchmark import run_benchmark
     from meshmark.benchmarking.report_document import failures
-    from meshmark.benchmarking.suites import Suite, cell_from_text, suite_named
+    from meshmark.benchmarking.suite_rows import cell_from_text
+    from meshmark.benchmarking.suites import Suite, suite_named
     from meshmark.workers.ordered_map import default_jobs
 
     found = suite_named(suite)

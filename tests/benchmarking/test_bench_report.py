@@ -17,7 +17,8 @@ from meshmark.benchmarking.report_document import Outcome, document_of, failures
 from meshmark.benchmarking.report_tables import page_of
 from meshmark.benchmarking.store import Store
 from meshmark.benchmarking.subjects import Subject
-from meshmark.benchmarking.suites import Cell, Suite, cell_from_text
+from meshmark.benchmarking.suite_rows import Cell, cell_from_text
+from meshmark.benchmarking.suites import Suite
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.detection.decision import decide

@@ -13,7 +13,8 @@ import pytest
 import meshmark
 from meshmark.benchmarking import benchmark as module
 from meshmark.benchmarking.benchmark import run_benchmark
-from meshmark.benchmarking.suites import SUITES, Cell, Suite, cell_from_text
+from meshmark.benchmarking.suite_rows import Cell, cell_from_text
+from meshmark.benchmarking.suites import SUITES, Suite
 from meshmark.cli import main
 from meshmark.demo.build import write_creature
 from meshmark.errors import InputError, UsageError
@@ -30,7 +31,7 @@ SUITE = Suite(
         Cell("noise", {"amplitude": 0.0005, "per": "frame"}, "frame", "noise 0.05 %", "noise"),
         Cell(
             "collusion", {"kind": "alternate"}, "animation", "alternate", "collusion", "all",
-            "other",
+            1,
         ),
         cell_from_text("cropping:share=1.0"),
         cell_from_text("nonsense"),

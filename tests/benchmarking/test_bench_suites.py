@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from meshmark.benchmarking.published_figures import ERROR_DIGIT, TABLE_1, TABLE_2, worse
-from meshmark.benchmarking.suites import NO_ATTACK, SUITES, cell_from_text, suite_named
+from meshmark.benchmarking.suite_rows import NO_ATTACK, cell_from_text
+from meshmark.benchmarking.suites import SUITES, suite_named
 from meshmark.errors import UsageError
 from meshmark.extension.registry import catalogue, make_attack
 
@@ -24,7 +25,8 @@ def test_no_cell_comes_twice(suite) -> None:
     names = [(cell.label, cell.per, cell.frames) for cell in suite.cells]
     assert len(set(names)) == len(names)
     work = [
-        (cell.attack, str(sorted(cell.parameters.items())), cell.frames) for cell in suite.cells
+        (cell.attack, str(sorted(cell.parameters.items())), cell.frames, cell.others)
+        for cell in suite.cells
     ]
     assert len(set(work)) == len(work)
 
@@ -70,14 +72,25 @@ def test_liris_has_all_levels_on_the_first_frame_and_on_all() -> None:
         assert {"similarity", "reorder"} <= {cell.attack for cell in cells}
 
 
-def test_animation_and_hiding_try_every_attack_there_is() -> None:
-    tried = {cell.attack for name in ("animation", "hiding") for cell in SUITES[name].cells}
+def test_suites_try_every_attack_there_is() -> None:
+    names = ("animation", "hiding", "informed")
+    tried = {cell.attack for name in names for cell in SUITES[name].cells}
     builtin = {
         offer.name
         for offer in catalogue().of_kind("attack")
         if offer.record.factory.__module__.startswith("meshmark_plugins")
     }
     assert tried - {NO_ATTACK} == builtin
+
+
+def test_informed_holds_the_leaks_and_crowds_of_colluders() -> None:
+    cells = SUITES["informed"].cells
+    assert set(map(repr, SUITES["leaks"].cells)) < set(map(repr, cells))
+    crowds = {(cell.parameters["kind"], cell.others) for cell in cells if cell.others}
+    kinds = ("mean", "median", "min", "max", "choice", "extremes")
+    every = {(kind, n - 1) for kind in kinds for n in (2, 3, 5, 10, 20)}
+    assert crowds == every - {("median", 1)}
+    assert all(cell.attack == "collusion" for cell in cells if cell.others)
 
 
 def test_the_papers_figures_are_complete() -> None:
@@ -97,7 +110,7 @@ def test_worse_is_above_the_printed_figure_or_missing() -> None:
 
 
 def test_an_unknown_suite_is_told_the_known_ones() -> None:
-    with pytest.raises(UsageError, match="tsai2014, liris, animation, leaks, hiding"):
+    with pytest.raises(UsageError, match="tsai2014, liris, animation, leaks, hiding, informed"):
         suite_named("nonsense")
 
 

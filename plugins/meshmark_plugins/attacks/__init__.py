@@ -108,6 +108,18 @@ RECORDS = [
         {"amplitude": 0.01, "waves": 3, "wavelength": 2.0, "per": "animation"},
     ),
     _record(
+        "bending",
+        "Bending",
+        "the whole shape bent along a parabola or a cubic",
+        {"amount": 0.01, "degree": 2, "per": "animation"},
+    ),
+    _record(
+        "embossing",
+        "Embossing",
+        "a random low relief along the normals",
+        {"height": 1e-4, "patches": 400},
+    ),
+    _record(
         "simplification",
         "Simplification",
         "edges collapsed where the error is smallest",
@@ -199,7 +211,7 @@ RECORDS = [
     _record(
         "collusion",
         "Collusion",
-        "two differently marked copies averaged or alternated",
+        "differently marked copies averaged, mixed or alternated",
         {"other": None, "kind": "mean"},
     ),
     _record(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
@@ -56,6 +58,19 @@ def permute(topology: Topology, vertices: IntArray, polygons: IntArray) -> Topol
     return Topology(
         counts, renamed[topology.indices[np.repeat(start, counts) + within]], topology.n_points
     )
+
+
+@lru_cache(maxsize=4)
+def turn(topology: Topology) -> Topology:
+    """Turn polygons inside out; remembered for the topologies used last.
+
+    Each keeps its first corner, about which its triangles fan out, and so the same diagonals.
+    """
+    start = np.cumsum(topology.counts) - topology.counts
+    size = np.repeat(topology.counts, topology.counts)
+    start = np.repeat(start, topology.counts)
+    within = np.arange(len(topology.indices)) - start
+    return Topology(topology.counts, topology.indices[start + (-within) % size], topology.n_points)
 
 
 def join(topology: Topology, F: IntArray, n_more: int) -> Topology:

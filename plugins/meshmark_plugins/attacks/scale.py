@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark_plugins.attacks.parameters import number, vector
+from meshmark_plugins.attacks.polygons import turn
 from meshmark_plugins.attacks.similarity import Affine
 
 
@@ -20,7 +21,8 @@ class Scale:
     strength : float
         Factors are uniform in [1 - strength, 1 + strength], in [0, 1).
     factors : (3,) float, optional
-        Factors for x, y and z, each above 0, instead of random ones. As text: "1,1.2,0.9".
+        Factors for x, y and z, none of them 0, instead of random ones. As text: "1,1.2,0.9".
+        One or three below 0 mirror the mesh; faces are turned, so that outside stays outside.
 
     Raises
     ------
@@ -36,7 +38,8 @@ class Scale:
         object.__setattr__(self, "strength", strength)
         if self.factors is not None:
             factors = vector("scale", "factors", self.factors)
-            number("scale", "smallest of factors", min(factors), 0, 1e6, low_open=True)
+            smallest = min(factors, key=abs)
+            number("scale", "size of the smallest of factors", abs(smallest), 0, 1e6, low_open=True)
             object.__setattr__(self, "factors", factors)
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
@@ -44,4 +47,14 @@ class Scale:
         drawn = rng.uniform(1 - self.strength, 1 + self.strength, 3)
         factors = drawn if self.factors is None else np.array(self.factors)
         centre = animation[0].points.mean(axis=0)
-        return animation.map(Affine(np.diag(factors), centre, np.zeros(3)))
+        scaled = animation.map(Affine(np.diag(factors), centre, np.zeros(3)))
+        return scaled.map(TurnFaces()) if np.prod(factors) < 0 else scaled
+
+
+@dataclass(frozen=True)
+class TurnFaces:
+    """Turns the polygons of a frame inside out."""
+
+    def __call__(self, frame: Frame) -> Frame:
+        """Return the turned frame."""
+        return replace(frame, topology=turn(frame.topology))

@@ -30,6 +30,8 @@ KEEPS_POLYGONS = {
     "relaxation",
     "jitter",
     "wobble",
+    "bending",
+    "embossing",
     "cutting",
     "reorder",
     "resample",
@@ -42,7 +44,7 @@ KEEPS_POLYGONS = {
 
 
 def test_names_are_unique_and_offered_through_the_hook():
-    assert len(set(NAMES)) == len(NAMES) == 28
+    assert len(set(NAMES)) == len(NAMES) == 30
     assert meshmark_attacks() == RECORDS
 
 
@@ -75,7 +77,7 @@ def test_polygons_stay_polygons_where_the_attack_permits_it(name):
 
 def test_listing_the_attacks_imports_none_of_them():
     program = (
-        "import sys, meshmark_plugins.attacks as a; assert len(a.RECORDS) == 28\n"
+        "import sys, meshmark_plugins.attacks as a; assert len(a.RECORDS) == 30\n"
         "print([m for m in sys.modules if m.startswith('meshmark_plugins.attacks.')])"
     )
     done = subprocess.run(
@@ -102,7 +104,7 @@ def test_listing_the_attacks_imports_none_of_them():
             r"scale_low is 20, .* \[0.001, 10\]",
         ),
         ("scale", {"factors": "1,2"}, "factors is '1,2', but must be three numbers"),
-        ("scale", {"factors": (1, 0, 1)}, r"smallest of factors is 0.0, .* \(0, "),
+        ("scale", {"factors": (1, 0, 1)}, r"size of the smallest of factors is 0.0, .* \(0, "),
         ("smoothing", {"strength": 0}, r"strength is 0, but must be a number in \(0, 1\]"),
         ("simplification", {"ratio": 1}, r"ratio is 1, but must be a number in \[0, 1\)"),
         ("simplification", {"method": "x"}, "method is 'x', but must be one of quadric, fast"),
@@ -125,10 +127,20 @@ def test_listing_the_attacks_imports_none_of_them():
         ("wobble", {"amplitude": -1}, "amplitude is -1"),
         ("wobble", {"waves": 0}, "waves is 0"),
         ("wobble", {"wavelength": 0}, "wavelength is 0"),
+        ("bending", {"amount": -1}, r"amount is -1, .* \[0, 1\]"),
+        ("bending", {"degree": 4}, r"degree is 4, .* \[2, 3\]"),
+        ("bending", {"per": "vertex"}, "per is 'vertex'"),
+        ("embossing", {"height": "tall"}, r"height is 'tall', .* \[0, 0.1\]"),
+        ("embossing", {"height": 1}, "height is 1"),
+        ("embossing", {"patches": 0}, r"patches is 0, .* \[1, 100000\]"),
         ("junk", {"share": 0}, r"share is 0, .* \(0, 1\)"),
         ("junk", {"where": "end"}, "one of start, random"),
         ("marking-again", {"copies": 0}, "copies is 0"),
-        ("collusion", {"kind": "sum"}, "one of mean, alternate"),
+        (
+            "collusion",
+            {"kind": "sum"},
+            "one of mean, median, min, max, extremes, choice, alternate",
+        ),
         ("combination", {"attacks": "noise:loud"}, "'loud' in 'noise:loud' is not PARAMETER=VALUE"),
         ("combination", {"attacks": ":a=1"}, "name is missing"),
         ("combination", {"attacks": ()}, "at least one"),

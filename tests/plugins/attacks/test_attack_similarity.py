@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.topology import Topology
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
 from meshmark_plugins.attacks import RECORDS
 
@@ -85,6 +86,32 @@ def test_scale_stretches_the_bounding_box_by_the_factors():
     for before, after in zip(ball, stretched, strict=True):
         ratio = np.ptp(after.points, axis=0) / np.ptp(before.points, axis=0)
         np.testing.assert_allclose(ratio, [1, 2, 0.5])
+
+
+@pytest.mark.parametrize("factors", ["-1,1,1", "-1,-2,-0.5"])
+def test_negative_factors_mirror_and_keep_the_outside_outside(factors):
+    ball = bending_ball()
+    size = np.array([float(factor) for factor in factors.split(",")])
+    mirrored = attacked("scale", ball, factors=factors)
+    middle = ball[0].points.mean(axis=0)
+    for before, after in zip(ball, mirrored, strict=True):
+        np.testing.assert_allclose(after.points, middle + size * (before.points - middle))
+        assert volume(after) == pytest.approx(np.abs(np.prod(size)) * volume(before))
+    assert mirrored.constant_topology
+    turned = attacked("scale", ball, factors="-1,-1,1")
+    assert turned[0].topology.same_as(ball[0].topology)
+
+
+def test_a_mirrored_polygon_keeps_its_diagonals():
+    shape = Topology(np.array([5, 3, 4]), np.array([0, 1, 2, 3, 4, 4, 3, 5, 1, 6, 7, 2]), 8)
+    P = np.random.default_rng(0).normal(size=(8, 3))
+    still = MeshAnimation.from_frames([Frame(1.0, P, shape)])
+    [after] = attacked("scale", still, factors=(-1, 1, 1))
+    assert after.topology.counts.tolist() == [5, 3, 4]
+    assert after.topology.indices.tolist() == [0, 4, 3, 2, 1, 4, 5, 3, 1, 2, 7, 6]
+    assert {frozenset(t) for t in after.faces.tolist()} == {
+        frozenset(t) for t in shape.triangles.tolist()
+    }
 
 
 def test_random_factors_stay_within_the_strength():
