@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 
 import meshmark
@@ -33,6 +35,7 @@ SUITE = Suite(
             "collusion", {"kind": "alternate"}, "animation", "alternate", "collusion", "all",
             1,
         ),
+        Cell("collusion", {"kind": "median"}, "animation", "median", "collusion", "all", 2),
         cell_from_text("cropping:share=1.0"),
         cell_from_text("nonsense"),
         cell_from_text("combination:attacks=cropping:share=0.995"),
@@ -96,10 +99,21 @@ def test_colluders_differ(document) -> None:
     assert alternate["control"]["ber_avg"] == alone["control"]["ber_avg"]
 
 
+def test_a_crowd_has_as_many_different_copies_as_its_attack_needs(document, folder) -> None:
+    copies = [meshmark.read(path).meshes[0][0].points for path in (folder / "marked").iterdir()]
+    assert len(copies) == 3
+    assert all(np.any(one != two) for one, two in combinations(copies, 2))
+    alone, median = row_of(document, "no attack"), row_of(document, "median")
+    assert median["error"] is None
+    assert median["attack_mrms_rel"] > 1e-6
+    assert median["log10_p"] > alone["log10_p"]
+    assert median["control"]["ber_avg"] == alone["control"]["ber_avg"]
+
+
 def test_cells_that_cannot_run_say_why_and_the_others_go_on(document) -> None:
     assert "share is 1.0" in row_of(document, "cropping:share=1.0")["error"]
     unknown = row_of(document, "nonsense")
-    assert "known are: collusion" in unknown["error"]
+    assert "known are: bending, collusion" in unknown["error"]
     assert unknown["plugin_failed"] is False
     assert unknown["control"]["error"] == unknown["error"]
     [nothing] = [row for row in document["rows"] if row["attack"] == "combination"]

@@ -138,15 +138,12 @@ def test_a_vertex_follows_its_copy_through_all_frames(kind):
         np.linalg.norm(f.points - b.points, axis=1) > 1e-9 for b, f in zip(ball, found, strict=True)
     ]
     assert 0.3 < np.mean(up[0]) < 0.7
-    # Where the surface is hollow, scaling about the middle lifts nothing: let a few differ.
-    agree = [np.mean(each == up[0]) for each in up]
-    assert min(agree) == 1.0 if kind == "choice" else min(agree) > 0.95
-    assert not np.array_equal(
-        found[0].points,
-        RECORD.factory(other=shells(1.5), kind=kind)
-        .apply(ball, np.random.default_rng(1))[0]
-        .points,
-    )
+    # Where a later frame's surface faces its middle, the copy that was lower is the higher one.
+    least = 1.0 if kind == "choice" else 0.95
+    assert min(np.mean(each == up[0]) for each in up) >= least
+    attack = RECORD.factory(other=shells(1.5), kind=kind)
+    other = attack.apply(ball, np.random.default_rng(1))
+    assert not np.array_equal(found[0].points, other[0].points)
 
 
 @pytest.mark.parametrize("kind", ["min", "extremes", "choice"])

@@ -139,7 +139,7 @@ def test_listing_the_attacks_imports_none_of_them():
         (
             "collusion",
             {"kind": "sum"},
-            "one of mean, median, min, max, extremes, choice, alternate",
+            "one of mean, median, min, max, extremes, choice, alter",
         ),
         ("combination", {"attacks": "noise:loud"}, "'loud' in 'noise:loud' is not PARAMETER=VALUE"),
         ("combination", {"attacks": ":a=1"}, "name is missing"),

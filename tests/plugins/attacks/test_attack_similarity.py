@@ -109,9 +109,8 @@ def test_a_mirrored_polygon_keeps_its_diagonals():
     [after] = attacked("scale", still, factors=(-1, 1, 1))
     assert after.topology.counts.tolist() == [5, 3, 4]
     assert after.topology.indices.tolist() == [0, 4, 3, 2, 1, 4, 5, 3, 1, 2, 7, 6]
-    assert {frozenset(t) for t in after.faces.tolist()} == {
-        frozenset(t) for t in shape.triangles.tolist()
-    }
+    before, turned = (np.sort(F, axis=1).tolist() for F in (shape.triangles, after.faces))
+    assert sorted(turned) == sorted(before)
 
 
 def test_random_factors_stay_within_the_strength():
