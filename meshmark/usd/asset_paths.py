@@ -141,6 +141,9 @@ def _found(path: str, layer: Sdf.Layer) -> str:
 
 def _exists(path: str) -> bool:
     """Tell whether there is a file, or a tile of a texture."""
+    if "\0" in path:
+        # No file has such a name, and glob raises.
+        return False
     before, tiled, after = path.partition(UDIM)
     if not tiled:
         return os.path.exists(path)  # noqa: PTH110 (Path raises where a name is too long)

@@ -17,7 +17,8 @@ def files_in_reach(source: str) -> list[Path]:
 
     Layers of all variants, payloads, references and value clips, textures and their tiles, and
     whatever else any attribute or metadata names as an asset. A package counts as one file.
-    Layers that cannot be read are in the list as well, though not what they name.
+    Layers that cannot be read are in the list as well, though not what they name. Names that
+    no file can have are not.
     """
     names = dict.fromkeys([source])
 
@@ -33,7 +34,8 @@ def files_in_reach(source: str) -> list[Path]:
     # What cannot be read is told of when it is needed; the rest has been gone through by then.
     with suppress(InputError), caught(source):
         UsdUtils.ComputeAllDependencies(source, remember)
-    return [Path(name) for name in names if name]
+    # No file has a NUL byte in its name, and no system can be asked for one.
+    return [Path(name) for name in names if name and "\0" not in name]
 
 
 def refuse_to_overwrite(source: str, output: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 
 from meshmark.errors import MeshmarkError, OutputError, UsageError
 from meshmark.mesh.animation import Frame
+from meshmark.mesh.asset import Asset
+from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
 from usd_stages import FRAMES, cube, digest, infinite, moved, sampled, write_text
@@ -24,6 +27,35 @@ def test_the_source_is_never_overwritten(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match="part of the source"):
             write_override(original, moved(original), tmp_path / name)
         assert digest(tmp_path / name) == before
+
+
+NUL = "\0\0ne"
+NAMING_NO_FILE = {
+    "reference": f'def "V" (references = @{NUL}.usda@)\n{{\n}}',
+    "payload": f'def "V" (payload = @./{NUL}.usda@)\n{{\n}}',
+    "identifier": f'def "V" (assetInfo = {{ asset identifier = @{NUL}.usda@ }})\n{{\n}}',
+    "texture": f'def "V"\n{{\nasset a = @/{NUL}/a.png@\n}}',
+    "tiles": f'def "V"\n{{\nasset a = @/{NUL}/a.<UDIM>.png@\n}}',
+}
+
+
+@pytest.mark.parametrize("write", [write_override, write_flattened])
+@pytest.mark.parametrize("in_variant", [True, False])
+@pytest.mark.parametrize("kind", NAMING_NO_FILE)
+def test_a_name_that_no_file_can_have_is_in_nobodys_way(
+    tmp_path: Path,
+    kind: str,
+    in_variant: bool,
+    write: Callable[[Asset, Asset, Path], object],
+) -> None:
+    body = NAMING_NO_FILE[kind]
+    if in_variant:
+        body = f'def "A"\n{{\nvariantSet "look" = {{\n"one" {{\n{body}\n}}\n}}\n}}'
+    source = tmp_path / "a.usda"
+    source.write_bytes(f"#usda 1.0\n{body}\n{cube()}".encode())
+    original = read_stage(str(source))
+    write(original, moved(original), tmp_path / "o.usda")
+    assert [mesh.prim for mesh in read_stage(str(tmp_path / "o.usda")).meshes] == ["/cube"]
 
 
 def broken(frame: Frame) -> Frame:
