@@ -91,6 +91,12 @@ class NoLayoutError(CapacityError):
     """A frame without the carriers that vertex trajectories would take to all other frames."""
 
 
+class AlignmentError(MeshmarkError):
+    """A copy that lies nowhere on its supposed original, or in several places equally well."""
+
+    exit_code = 4
+
+
 class PluginError(MeshmarkError):
     """A plugin that could not be loaded, or broke its contract."""
 

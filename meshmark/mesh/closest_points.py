@@ -126,6 +126,22 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     (n, 3) float64
         Points of the surface.
     """
+    face, weights = surface_samples(V, F, n, rng)
+    return np.einsum("ij,ijk->ik", weights, V[F[face]])
+
+
+def surface_samples(
+    V: FloatArray, F: IntArray, n: int, rng: np.random.Generator
+) -> tuple[IntArray, FloatArray]:
+    """Choose what `sample_surface` returns, as points that can be found in other poses, too.
+
+    Returns
+    -------
+    face : (n,) int
+        Triangle each point lies in.
+    weights : (n, 3) float64
+        Its barycentric coordinates there.
+    """
     a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
     area = lengths(np.cross(b - a, c - a))
     if not area.any():
@@ -138,8 +154,7 @@ def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator)
     u, v = rng.random((2, n))
     over = u + v > 1
     u[over], v[over] = 1 - u[over], 1 - v[over]
-    weights = np.stack([1 - u - v, u, v], axis=1)
-    return np.einsum("ij,ijk->ik", weights, V[F[face]])
+    return face, np.stack([1 - u - v, u, v], axis=1)
 
 
 def plane_weights(

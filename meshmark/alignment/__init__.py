@@ -1,0 +1,1 @@
+"""Where a copy lies on its original: which mesh, which pose, which map; no key is involved."""

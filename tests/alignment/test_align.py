@@ -1,0 +1,143 @@
+"""Alignment finds the mesh, pose and map that made a copy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from meshmark.alignment.align import align_mesh
+from meshmark.alignment.placement import MeshAlignment, PolynomialMap
+from meshmark.alignment.poses import motion, posed
+from meshmark.arrays import FloatArray
+from meshmark.errors import AlignmentError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.geometry import surface_box
+from meshmark.testing.meshes import bent_tube, bumpy_sphere, icosphere
+
+HORNS = np.array([[1.0, 0.2, 0.1], [-0.3, 1.0, 0.4], [0.2, -0.8, 1.0], [-0.7, -0.3, -0.9]])
+
+
+def nodding(level: int = 3, frames: int = 5) -> MeshAnimation:
+    """Animate a shape without symmetries: one of its horns grows, another shrinks."""
+    share = np.linspace(0.0, 1.0, frames)
+    stack = [
+        bumpy_sphere(level, HORNS, np.array([1.0 + t, 0.5, 1.5 - t, 0.8]), 0.35)[0] for t in share
+    ]
+    return MeshAnimation.from_arrays(np.stack(stack), bumpy_sphere(level, HORNS)[1], prim="/body")
+
+
+def similarity(seed: int, mirror: bool = False) -> FloatArray:
+    """Draw a similarity [s R | t] that takes originals to copies, (3, 4)."""
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(random_state=seed).as_matrix()
+    R = R * (np.array([-1.0, 1.0, 1.0]) if mirror else 1.0)
+    return np.column_stack([np.exp(rng.uniform(-2, 2)) * R, rng.uniform(-9, 9, 3)])
+
+
+def mapped(A: FloatArray, P: FloatArray) -> FloatArray:
+    return P @ A[:, :3].T + A[:, 3]
+
+
+def placed(original: MeshAnimation, A: FloatArray) -> MeshAnimation:
+    return original.map(lambda frame: frame.moved(mapped(A, frame.points)))
+
+
+def errors(found: MeshAlignment, A: FloatArray) -> FloatArray:
+    """Measure by how much the maps miss the inverse of A, in diagonals of the original."""
+    first = found.original[0]
+    diagonal, _ = surface_box(first.points, first.faces)
+    back = [frame.maps["similarity"](mapped(A, first.points)) for frame in found.frames]
+    return (
+        np.array([np.sqrt(((P - first.points) ** 2).sum(axis=1).mean()) for P in back]) / diagonal
+    )
+
+
+def shuffled(original: MeshAnimation, seed: int = 0) -> MeshAnimation:
+    """Put vertices and faces into another order."""
+    rng = np.random.default_rng(seed)
+    F, n = original[0].faces, len(original[0].points)
+    order = rng.permutation(n)
+    rank = np.argsort(order)
+    stack = np.stack([frame.points[order] for frame in original])
+    return MeshAnimation.from_arrays(stack, rank[F][rng.permutation(len(F))])
+
+
+def test_blends_and_their_derivative_are_exact() -> None:
+    original = nodding(1)
+    at = posed(original, 1.25).points
+    np.testing.assert_allclose(at, 0.75 * original[1].points + 0.25 * original[2].points)
+    rise = posed(original, 1.75).points - at
+    np.testing.assert_allclose(0.5 * motion(original, 1.25), rise, atol=1e-12)
+    assert posed(original, 4.0).points is original[4].points
+
+
+@pytest.mark.parametrize("mirror", [False, True], ids=["proper", "mirror"])
+@pytest.mark.parametrize("method", ["identity", "pca"])
+def test_a_similarity_is_recovered_exactly(method: str, mirror: bool) -> None:
+    original, A = nodding(), similarity(3, mirror)
+    copy = placed(original if method == "identity" else shuffled(original), A)
+    found = align_mesh(copy, original, range(len(copy)))
+    assert found.method == method
+    assert errors(found, A).max() < 1e-7
+    np.testing.assert_allclose([frame.pose for frame in found.frames], range(5), atol=1e-9)
+    assert found.residual < 1e-7
+    assert found.covered == 1.0
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10**6), st.booleans())
+def test_any_similarity_is_recovered_from_noise(seed: int, mirror: bool) -> None:
+    original, A = nodding(3, 2), similarity(seed, mirror)
+    diagonal, _ = surface_box(original[0].points, original[0].faces)
+    noise = np.random.default_rng(seed).normal(0.0, 1e-3 * diagonal, original[0].points.shape)
+    copy = MeshAnimation.from_arrays(mapped(A, original[0].points + noise), original[0].faces)
+    found = align_mesh(copy, original, [0])
+    # Seven numbers from three times 642.
+    assert errors(found, A).max() < 4e-4
+
+
+@pytest.mark.parametrize("copies", ["same order", "shuffled"])
+def test_a_frame_between_two_is_found(copies: str) -> None:
+    original, A = nodding(), similarity(5)
+    between = posed(original, 2.4)
+    copy = MeshAnimation.from_arrays(mapped(A, between.points), between.faces)
+    copy = copy if copies == "same order" else shuffled(copy)
+    found = align_mesh(copy, original, [0])
+    assert found.frames[0].pose == pytest.approx(2.4, abs=1e-5)
+    assert errors(found, A).max() < 1e-6
+
+
+def test_the_affine_map_undoes_a_stretch_and_the_cubic_one_a_bend() -> None:
+    original = nodding(3, 1)
+    V, F = original[0].points, original[0].faces
+    diagonal, _ = surface_box(V, F)
+
+    def left(moved: FloatArray, name: str) -> float:
+        copy = MeshAnimation.from_arrays(moved, F)
+        maps = align_mesh(copy, original, [0]).frames[0].maps
+        return float(np.sqrt(((maps[name](moved) - V) ** 2).sum(axis=1).mean())) / diagonal
+
+    stretched = V * (1.05, 1.0, 1.0)
+    assert left(stretched, "affine") < 1e-6 < 1e-3 < left(stretched, "similarity")
+    bent = V + 0.02 * diagonal * np.outer((V[:, 0] / diagonal) ** 2, [0.0, 1.0, 0.0])
+    assert left(bent, "cubic") < 1e-5 < 1e-4 < left(bent, "affine")
+
+
+def test_a_map_of_degree_one_is_a_matrix() -> None:
+    A = similarity(1)
+    P = np.random.default_rng(0).normal(size=(20, 3))
+    map_ = PolynomialMap.affine(A[:, :3], A[:, 3], np.array([1.0, 2.0, 3.0]), 7.0)
+    np.testing.assert_allclose(map_(P), mapped(A, P))
+    np.testing.assert_allclose(map_.matrix, A)
+
+
+def test_another_shape_is_refused() -> None:
+    V, F = bent_tube(24, 40)
+    with pytest.raises(AlignmentError):
+        align_mesh(MeshAnimation.from_arrays(V, F), nodding(), [0])
+    V, F = icosphere(3)
+    with pytest.raises(AlignmentError):
+        align_mesh(MeshAnimation.from_arrays(V, F), nodding(), [0])
