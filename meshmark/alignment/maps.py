@@ -56,7 +56,7 @@ def _fit(P: FloatArray, start: PolynomialMap, matcher: Matcher, degree: int) -> 
         match = matcher.match(X)
         gap = (X - match.points) / unit
         w = tukey(lengths(gap), max(scale_of(lengths(gap)), EXACT))
-        step = _step(basis, gap, match.normals, w, match.slip)
+        step = _step(basis, gap, match.normals, w, match.slip(gap))
         C = C + unit * step
         if np.abs(step).max() < EXACT:
             break
@@ -71,8 +71,9 @@ def _step(
     H = (J * w[:, None]).T @ J
     g = J.T @ (w * (gap * n).sum(axis=1))
     if slip > 0:
-        H += slip**2 * np.kron((basis * w[:, None]).T @ basis, np.eye(3))
-        g += slip**2 * (basis.T @ (gap * w[:, None])).ravel()
+        everywhere = np.kron((basis * w[:, None]).T @ basis, np.eye(3))
+        H = (1 - slip) * H + slip * everywhere
+        g = (1 - slip) * g + slip * (basis.T @ (gap * w[:, None])).ravel()
     H[np.diag_indices_from(H)] += RIDGE * float(np.trace(H)) / len(H)
     step: FloatArray = -np.linalg.solve(H, g).reshape(k, 3)
     return step

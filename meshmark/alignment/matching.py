@@ -11,7 +11,10 @@ from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import area_vectors, normalized, vertex_normals
+from meshmark.mesh.geometry import area_vectors, lengths, normalized, vertex_normals
+
+# Keeps what is its own image under a turn from turning.
+LEAST_SLIP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +25,36 @@ class Match:
     ----------
     points, normals, motion : (n, 3) float64
         Where they are, the unit normals there, and how they move with the pose.
-    slip : float
-        Weight of distances along the surface against those across it.
+    paired : bool
+        Whether these are the very points, so that distances along the surface count, too.
     """
 
     points: FloatArray
     normals: FloatArray
     motion: FloatArray
-    slip: float
+    paired: bool
+
+    def slip(self, gap: FloatArray) -> float:
+        """Compute the weight of distances along the surface against those across it.
+
+        Parameters
+        ----------
+        gap : (n, 3) float64
+            From the matched points to the vertices.
+
+        Returns
+        -------
+        float
+            The ratio of the variances across and along, at most 1: noise counts in all
+            directions, what slides along the surface hardly does. 0 if the points are not paired.
+        """
+        if not self.paired:
+            return 0.0
+        across = (gap * self.normals).sum(axis=1)
+        along = lengths(gap - across[:, None] * self.normals)
+        # Medians of the moduli of one normal deviate, and of two.
+        one, two = np.median(np.abs(across)) / 0.6745, np.median(along) / 1.1774
+        return 1.0 if one >= two else max(float(one / two) ** 2, LEAST_SLIP)
 
 
 class Matcher(Protocol):
@@ -59,22 +84,17 @@ class ByClosestPoint:
             mean: FloatArray = np.einsum("ij,ijk->ik", weights, values[corners])
             return mean
 
-        return Match(at(self._V), self._normals[face], at(self._motion), 0.0)
+        return Match(at(self._V), self._normals[face], at(self._motion), False)
 
 
 class ByIdentity:
-    """Vertex i of the copy belongs to vertex i.
-
-    Noise and simplification along the surface say little of where the surface is.
-    """
-
-    SLIP = 0.1
+    """Vertex i of the copy belongs to vertex i."""
 
     def __init__(self, original: MeshAnimation, pose: float, vertices: IntArray) -> None:
         frame = posed(original, pose)
         normals = vertex_normals(frame.points, frame.faces)
         rate = motion(original, pose)
-        self._match = Match(frame.points[vertices], normals[vertices], rate[vertices], self.SLIP)
+        self._match = Match(frame.points[vertices], normals[vertices], rate[vertices], True)
 
     def match(self, X: FloatArray) -> Match:
         """Match each vertex with its own."""

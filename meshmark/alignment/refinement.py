@@ -152,9 +152,10 @@ class Refinement:
         )
         J[:, 7] /= self._diagonal
         H, g = (J * w[:, None]).T @ J, J.T @ (w * across)
-        if match.slip > 0:
-            slip_H, slip_g = _along(y, gap, match, w, self._diagonal)
-            H, g = H + match.slip**2 * slip_H, g + match.slip**2 * slip_g
+        if match.paired:
+            slip = match.slip(gap)
+            everywhere = _along(y, gap, match, w, self._diagonal)
+            H, g = (1 - slip) * H + slip * everywhere[0], (1 - slip) * g + slip * everywhere[1]
         k = 8 if free_pose and H[7, 7] > 1e-20 * max(H[4:7, 4:7].trace(), 1e-300) else 7
         size = np.sqrt(np.maximum(np.diag(H)[:k], np.finfo(float).tiny))
         step = np.zeros(8)
