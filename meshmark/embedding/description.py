@@ -9,24 +9,53 @@ from typing import Any
 
 from meshmark.detection.verdict import PrimVerdict, Verdict
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh
+from meshmark.embedding.manifest import FORMAT
+from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number
+from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
 from meshmark.metrics import distortion
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.facts import texture_coordinates
+from meshmark.version import __version__
 
 # The false positive rate that what was written is verified at.
 TARGET_FPR = 1e-6
 
 
-def describe_source(
-    original: Asset, files: Sequence[tuple[str, str]], output: Path
+def describe_run(
+    marked: MarkedAsset,
+    files: Sequence[tuple[str, str]],
+    output: Path,
+    *,
+    key: Key,
+    recipe: Recipe,
+    recipient: str | None,
+    frames: str | None,
+    deliver: bool,
 ) -> dict[str, Any]:
-    """Name a source and its hashed files relative to the folder of an output."""
+    """Tell what is marked, as whose copy and how.
+
+    Parameters
+    ----------
+    marked : MarkedAsset
+        Its original as it was read.
+    files : sequence of (str, str)
+        Those of the source; see `meshmark.sources.digests.source_digests`. They are named
+        relative to the folder of the output.
+    """
     folder = output.parent.resolve()
+    source = Path(os.path.relpath(marked.original.source, folder)).as_posix()
     return {
-        "path": Path(os.path.relpath(original.source, folder)).as_posix(),
-        "files": file_hashes(files, folder),
+        "format": FORMAT,
+        "meshmark": __version__,
+        "source": {"path": source, "files": file_hashes(files, folder)},
+        "output": output.name,
+        "delivered": deliver,
+        "key_id": key.id,
+        "recipient": recipient,
+        "frames": frames,
+        "plugins": recipe.as_json(),
     }
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from meshmark.delivery.unmarked import (
     require_allowed,
@@ -19,24 +20,26 @@ from meshmark.delivery.unmarked import (
 from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import judge_all
-from meshmark.embedding.asset import embed
-from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_source
-from meshmark.embedding.manifest import FORMAT, Manifest, announced, manifest_path, output_hashes
+from meshmark.embedding.asset import MarkedAsset, embed
+from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run
+from meshmark.embedding.manifest import Manifest, announced, manifest_path, output_hashes
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import write_json
 from meshmark.files.locks import held
 from meshmark.keys import Key
-from meshmark.mesh.asset import Asset
+from meshmark.mesh.asset import Asset, LeftOut
 from meshmark.recipients import recipient_name
 from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
-from meshmark.version import __version__
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
+
+if TYPE_CHECKING:
+    from meshmark.usd.delivery import Delivery
 
 
 @sharing_workers
@@ -114,6 +117,15 @@ def mark_file(
     others = unasked(read(source, isolated=not trusted), prims) if deliver and prims else ()
     markable = _markable(original, deliver, allow_unmarked)
     files = source_digests(original)
+    verified = partial(
+        _verify,
+        key=key,
+        recipe=recipe,
+        frames=frames,
+        recipient=recipient,
+        jobs=jobs,
+        progress=_stage(progress, "verify"),
+    )
     with nullcontext() if dry_run else held(target):
         marked = embed(
             markable,
@@ -127,35 +139,23 @@ def mark_file(
         if deliver:
             require_small(markable, marked.skipped, allow_unmarked)
         marked = replace(marked, original=original)
-        left_out = (each for each in markable.left_out if deliver or not each.guide)
-        skipped = (*marked.skipped, *left_out, *others)
-        document: dict[str, Any] = {
-            "format": FORMAT,
-            "meshmark": __version__,
-            "source": describe_source(original, files, target),
-            "output": target.name,
-            "delivered": deliver,
-            "key_id": key.id,
-            "recipient": recipient,
-            "frames": frames,
-            "plugins": recipe.as_json(),
-            "skipped": [{"prim": each.prim, "reason": each.reason} for each in skipped],
-        }
+        document = describe_run(
+            marked,
+            files,
+            target,
+            key=key,
+            recipe=recipe,
+            recipient=recipient,
+            frames=frames,
+            deliver=deliver,
+        )
+        document["skipped"] = _skipped(marked, markable, others, deliver)
         require_unchanged(files)
-
-        def verified(written: Asset) -> Verdict:
-            told = _stage(progress, "verify")
-            return _verify(written, key, recipe, frames, recipient, jobs=jobs, progress=told)
-
         if dry_run:
-            document |= describe_marks(marked, verified(marked.asset), jobs=jobs)
-            return Manifest(document)
+            verdict = verified(marked.asset)
+            return Manifest(document | describe_marks(marked, verdict, jobs=jobs))
         with announced(document, target):
-            delivery = write(marked.asset)
-            if delivery is not None:
-                document["delivery"] = delivery.as_json()
-            written = read_back(original, target, [mesh.original.prim for mesh in marked.meshes])
-            document |= describe_marks(marked, verified(written), jobs=jobs)
+            document |= _written(marked, target, write, verified, jobs)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
             write_json(document, manifest_path(target))
@@ -181,6 +181,29 @@ def _markable(original: Asset, deliver: bool, allow_unmarked: Sequence[str]) -> 
     require_allowed(markable, allow_unmarked)
     require_extent(markable, allow_unmarked)
     return markable
+
+
+def _skipped(
+    marked: MarkedAsset, markable: Asset, others: Iterable[LeftOut], deliver: bool
+) -> list[dict[str, str]]:
+    """Tell of the meshes that hold no mark. Guides count in a deliverable only."""
+    left_out = [each for each in markable.left_out if deliver or not each.guide]
+    skipped = (*marked.skipped, *left_out, *others)
+    return [{"prim": each.prim, "reason": each.reason} for each in skipped]
+
+
+def _written(
+    marked: MarkedAsset,
+    target: Path,
+    write: Callable[[Asset], Delivery | None],
+    verified: Callable[[Asset], Verdict],
+    jobs: int,
+) -> dict[str, Any]:
+    """Write what was marked, read it back, verify it, and tell of it."""
+    delivery = write(marked.asset)
+    told = {} if delivery is None else {"delivery": delivery.as_json()}
+    written = read_back(marked.original, target, [mesh.original.prim for mesh in marked.meshes])
+    return told | describe_marks(marked, verified(written), jobs=jobs)
 
 
 def _verify(
