@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from meshmark.embedding.manifest import manifest_path
-from meshmark.errors import InputError, MeshmarkError
-from meshmark.files.temporary import ScratchFolder
-from meshmark.sources.isolation.limits import Limits
-from meshmark.sources.isolation.reading import environment
-from meshmark.sources.isolation.report import describe_error, error_from
+from meshmark.errors import InputError
+from meshmark.sources.isolation.reading import isolated
 from meshmark.usd.names import STAGE_SUFFIXES
 from meshmark.usd.reader import UsdReader
 
@@ -45,43 +41,15 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
     if not Path(name).is_file():
         raise InputError("no such file", source=name)
     if trusted:
-        from meshmark.usd.checking import check_stage
-
-        findings = check_stage(name, _marked_meshes(Path(name)))
-        return {"file": name, "findings": [asdict(each) for each in findings]}
-    folder = ScratchFolder()
-    said = subprocess.run(
-        [sys.executable, "-P", "-m", __name__, name],
-        env=environment(folder.path),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        check=False,
-    )
-    folder.remove()
-    if said.returncode:
-        raise InputError(
-            f"crashes the USD library ({said.returncode}), or needs more memory or time than it "
-            "is given",
-            source=name,
-        )
-    told = json.loads(said.stdout)
-    if "error" in told:
-        raise error_from(told["error"])
-    return dict(told)
+        return {"file": name, "findings": _findings(name)}
+    with isolated(__name__, name) as (report, _):
+        return {"file": name, "findings": list(report["findings"])}
 
 
-def _check_within_limits(file: str) -> dict[str, Any]:
-    limits = Limits.from_environment()
-    limits.impose(file)
-    limits.expect_progress()
+def _findings(file: str, beat: Callable[[], None] = lambda: None) -> list[dict[str, str]]:
     from meshmark.usd.checking import check_stage
 
-    try:
-        marked = _marked_meshes(Path(file))
-        findings = check_stage(file, marked, beat=limits.expect_progress)
-    except MeshmarkError as error:
-        return {"error": describe_error(error)}
-    return {"file": file, "findings": [asdict(each) for each in findings]}
+    return [asdict(each) for each in check_stage(file, _marked_meshes(Path(file)), beat)]
 
 
 def _marked_meshes(file: Path) -> list[str]:
@@ -96,11 +64,7 @@ def _marked_meshes(file: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    # What libraries print is no part of the answer.
-    answer = os.dup(1)
-    os.dup2(2, 1)
-    document = _check_within_limits(sys.argv[1])
-    with os.fdopen(answer, "w") as stdout:
-        json.dump(document, stdout)
-    # Without taking down libraries that a hostile file has been through.
-    os._exit(0)
+    from meshmark.sources.isolation.child import Child
+
+    child = Child(Path(sys.argv[1]), sys.argv[2])
+    child.run(lambda: {"findings": _findings(child.source, child.beat)})

@@ -307,6 +307,16 @@ def run(monkeypatch, capsys, tmp_path):
     return call
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere loaders say it in other words")
+@pytest.mark.parametrize("command", ["inspect", "check"])
+def test_no_memory_even_for_the_library(run, tmp_path, monkeypatch, command) -> None:
+    source = write_text(tmp_path / "a.usda", cube("a"))
+    monkeypatch.setenv("MESHMARK_READ_MEMORY", "0.01")
+    code, said = run(command, source)
+    assert code == 3
+    assert "needs more than 0.01 GB of memory to read" in said
+
+
 COMMANDS = {
     "inspect": [],
     "verify": ["--key", "k"],

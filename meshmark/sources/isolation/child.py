@@ -1,7 +1,4 @@
-"""The process that reads, run with `python -P -m`: FOLDER SOURCE TEXTURES PRIM...
-
-A byte on stdout says that it goes on; what it has read is left in the folder.
-"""
+"""The process that reads, run with `python -P -m`: FOLDER SOURCE TEXTURES PRIM..."""
 
 from __future__ import annotations
 
@@ -11,8 +8,9 @@ import os
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from meshmark.errors import InputError, MeshmarkError, OutputError
 from meshmark.files.temporary import no_room
@@ -30,77 +28,88 @@ from meshmark.sources.isolation.report import (
 from meshmark.sources.readers import open_source
 
 
-class Reading:
-    """Reading one source into a folder, within limits."""
+class Child:
+    """The process that works on one source within limits, for the parent that started it.
 
-    def __init__(self, folder: Path, source: str, prims: list[str], textures: bool) -> None:
-        self._folder, self._source, self._prims = folder, source, prims
-        self._textures = textures
-        self._limits = Limits.from_environment()
+    A byte on stdout says that it goes on; what it has to say is left in the folder.
+    """
+
+    def __init__(self, folder: Path, source: str) -> None:
+        # Whoever is told to end is our parent, which ends us.
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
+        self.folder, self.source = folder, source
+        self.limits = Limits.from_environment()
         # What libraries print is no sign of progress.
         self._alive = os.dup(1)
         os.dup2(2, 1)
 
-    def run(self) -> dict[str, Any]:
-        """Read, and return the report."""
+    def beat(self) -> None:
+        """Say that it goes on."""
+        self.limits.expect_progress()
+        os.write(self._alive, b".")
+
+    def run(self, work: Callable[[], dict[str, Any]]) -> NoReturn:
+        """Do the work, leave its report or why there is none, and end."""
+        report = json.dumps(self._outcome(work), default=vars)
+        (self.folder / REPORT).write_text(report, encoding="ascii")
+        # Without taking down libraries that a hostile file has been through.
+        os._exit(0)
+
+    def _outcome(self, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         self.beat()
-        self._limits.impose(self._source)
+        self.limits.impose(self.source)
         try:
-            return self._read()
+            return work()
         except MeshmarkError as error:
             return {"error": describe_error(error)}
         except MemoryError:
-            return {"memory": self._limits.memory}
+            return {"memory": self.limits.memory}
         except Exception as error:
+            # What the system's loader says of a library.
+            if isinstance(error, ImportError) and "failed to map segment" in str(error):
+                return {"memory": self.limits.memory}
             where = traceback.format_exc()
             return {"bug": f"{type(error).__name__}: {error}", "traceback": where}
 
-    def beat(self) -> None:
-        """Say that it goes on."""
-        self._limits.expect_progress()
-        os.write(self._alive, b".")
 
-    def _read(self) -> dict[str, Any]:
-        before = self._digests()
-        asset = open_source(self._source, self._prims)
-        self.beat()
-        try:
-            with (self._folder / ARRAYS).open("wb") as file:
-                arrays = ArrayWriter(file)
-                told = describe_asset(asset, arrays, textures=self._textures, beat=self.beat)
-        except OSError as error:
-            raise self._too_much(error) from None
-        if self._digests() != before:
-            raise InputError("changed while it was read; try again", source=self._source)
-        reach = [str(path) for path in files_in_reach(self._source)]
-        return {"asset": told, "files": before, "reach": reach}
+def _read(child: Child, prims: list[str], textures: bool) -> dict[str, Any]:
+    before = _digests(child)
+    asset = open_source(child.source, prims)
+    child.beat()
+    try:
+        with (child.folder / ARRAYS).open("wb") as file:
+            arrays = ArrayWriter(file)
+            told = describe_asset(asset, arrays, textures=textures, beat=child.beat)
+    except OSError as error:
+        raise _too_much(child, error) from None
+    if _digests(child) != before:
+        raise InputError("changed while it was read; try again", source=child.source)
+    reach = [str(path) for path in files_in_reach(child.source)]
+    return {"asset": told, "files": before, "reach": reach}
 
-    def _digests(self) -> list[tuple[str, str]]:
-        files = [path.resolve() for path in source_files(self._source)]
-        self.beat()
-        return [(str(path), sha256(path, beat=self.beat)) for path in files]
 
-    def _too_much(self, error: OSError) -> MeshmarkError:
-        if error.errno == errno.EFBIG:
-            return InputError(
-                f"its frames fill more than {self._limits.disk:g} GB; {DISK_VARIABLE} can allow "
-                "more",
-                source=self._source,
-            )
-        return OutputError(no_room(error), source=self._source)
+def _digests(child: Child) -> list[tuple[str, str]]:
+    files = [path.resolve() for path in source_files(child.source)]
+    child.beat()
+    return [(str(path), sha256(path, beat=child.beat)) for path in files]
+
+
+def _too_much(child: Child, error: OSError) -> MeshmarkError:
+    if error.errno == errno.EFBIG:
+        return InputError(
+            f"its frames fill more than {child.limits.disk:g} GB; {DISK_VARIABLE} can allow more",
+            source=child.source,
+        )
+    return OutputError(no_room(error), source=child.source)
 
 
 def main() -> None:
     """Read what the command line says."""
-    # Whoever is told to end is our parent, which ends us.
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
     folder, source, textures, *prims = sys.argv[1:]
-    report = Reading(Path(folder), source, prims, textures == WITH_TEXTURES).run()
-    (Path(folder) / REPORT).write_text(json.dumps(report, default=vars), encoding="ascii")
-    # Without taking down libraries that a hostile file has been through.
-    os._exit(0)
+    child = Child(Path(folder), source)
+    child.run(lambda: _read(child, prims, textures == WITH_TEXTURES))
 
 
 if __name__ == "__main__":

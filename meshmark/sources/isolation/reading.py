@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -69,14 +70,31 @@ def read_isolated(
     UsageError
         If a wanted mesh is not in it, or a limit makes no sense.
     """
+    asked = WITH_TEXTURES if textures else WITHOUT
+    with isolated(PROGRAM, str(source), asked, *prims) as (report, folder):
+        return asset_from(report, str(source), folder.path / ARRAYS, folder)
+
+
+@contextmanager
+def isolated(
+    program: str, source: str, *arguments: str
+) -> Iterator[tuple[dict[str, Any], ScratchFolder]]:
+    """Let a process of its own work on a source within limits; give its report and its folder.
+
+    The program is a module that lets `child.Child` run. The block is to make sense of the report;
+    the folder is gone if it does not, and otherwise when nobody has it.
+
+    Raises
+    ------
+    InputError, UsageError
+        See `read_isolated`.
+    """
     limits = Limits.from_environment()
     folder = ScratchFolder()
     try:
-        report = _run(folder.path, str(source), prims, textures, limits)
-        if "asset" in report:
-            path = folder.path / ARRAYS
-            return asset_from(report, str(source), path, folder)
-        raise _failure(report, str(source))
+        report = _run([program, str(folder.path), source, *arguments], folder.path, source, limits)
+        _require_done(report, source)
+        yield report, folder
     except NONSENSE as error:
         folder.remove()
         raise InputError(f"reading it goes astray: {error}", source=source) from None
@@ -85,19 +103,15 @@ def read_isolated(
         raise
 
 
-def _run(
-    folder: Path, source: str, prims: Sequence[str], textures: bool, limits: Limits
-) -> dict[str, Any]:
-    """Let the process read, and return its report."""
-    asked = WITH_TEXTURES if textures else WITHOUT
-    command = [sys.executable, "-P", "-m", PROGRAM, str(folder), source, asked, *prims]
+def _run(words: Sequence[str], folder: Path, source: str, limits: Limits) -> dict[str, Any]:
+    """Let a process work, and return its report."""
     with (folder / COMPLAINTS).open("wb") as complaints:
         process = subprocess.Popen(
-            command,
+            [sys.executable, "-P", "-m", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=complaints,
-            env=environment(folder),
+            env=_environment(folder),
         )
     with process:
         try:
@@ -118,7 +132,7 @@ def _run(
     return dict(json.loads(report))
 
 
-def environment(folder: Path) -> dict[str, str]:
+def _environment(folder: Path) -> dict[str, str]:
     """Return the environment of a process: it finds the modules we do, and needs few threads.
 
     What it leaves behind, as pxr does of a crash, goes with its folder.
@@ -177,16 +191,17 @@ def _death(code: int, folder: Path, source: str) -> str:
     return f"the process that reads it ended with {code}: {last}"
 
 
-def _failure(report: dict[str, Any], source: str) -> Exception:
-    """Return what reading raised."""
+def _require_done(report: dict[str, Any], source: str) -> None:
+    """Raise what the process raised."""
     if "error" in report:
-        return error_from(report["error"])
+        raise error_from(report["error"])
     if "memory" in report:
-        return InputError(
+        raise InputError(
             f"needs more than {report['memory']:g} GB of memory to read; {MEMORY_VARIABLE} can "
             "allow more",
             source=source,
         )
-    bug = RuntimeError(f"{report['bug']} (while {source} was read)")
-    bug.add_note(str(report["traceback"]))
-    return bug
+    if "bug" in report:
+        bug = RuntimeError(f"{report['bug']} (while {source} was read)")
+        bug.add_note(str(report["traceback"]))
+        raise bug
