@@ -37,10 +37,7 @@ def surface_components(V: FloatArray, F: IntArray) -> IntArray:
     links = [_links(V, sides, patch) for sides in about.values()]
     if links:
         patch = graph_components(np.concatenate(links), int(patch.max()) + 1)[patch]
-    _, first, label = np.unique(patch, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return rank[label]
+    return patch
 
 
 @dataclass(frozen=True, eq=False)

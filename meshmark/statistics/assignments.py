@@ -56,12 +56,8 @@ def mean_over_assignments(log_e: FloatArray) -> FloatArray:
 def _ordered_mean(e: FloatArray, idle: FloatArray) -> FloatArray:
     """Log of the mean over the assignments that keep the order, over the counts of words.
 
-    Parameters
-    ----------
-    e : (..., C, M) float64
-        Factor of word m on carrier c.
-    idle : (..., C) float64
-        Factor of a carrier without a word.
+    The factors, here and below: `e` (..., C, M) of word m on carrier c, `idle` (..., C) of a
+    carrier without a word.
     """
     *_, C, M = e.shape
     counts = _ordered_sums(np.ones((C, M)), np.ones(C))
@@ -115,34 +111,30 @@ def _log_count_priors(C: int, M: int) -> FloatArray:
 
 
 def _subset_sums(e: FloatArray, idle: FloatArray) -> FloatArray:
-    """Sum the products over all ways to give exactly a subset of the words to carriers.
-
-    Parameters
-    ----------
-    e : (..., C, M) float64
-        Factor of word m on carrier c.
-    idle : (..., C) float64
-        Factor of a carrier without a word.
-
-    Returns
-    -------
-    (..., 2^M) float64
-    """
+    """Sum the products over all ways to give just a subset of the words to carriers, (..., 2^M)."""
     *lead, C, M = e.shape
     # Leading axes last: every step then runs along memory.
     e = np.moveaxis(e.reshape(-1, C, M), 0, -1)
     idle = np.moveaxis(idle.reshape(-1, C), 0, -1)
-    n = e.shape[-1]
-    table = np.zeros((1 << M, n))
+    table = np.zeros((1 << M, e.shape[-1]))
     table[0] = 1.0
     for c in range(C):
-        grown = table * idle[c]
-        for m in range(M):
-            # Subsets by their higher words, whether word m is among them, their lower words.
-            halves = (1 << (M - m - 1), 2, 1 << m, n)
-            grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * e[c, m]
-        table = grown
+        table = with_carrier(table, e[c], idle[c])
     return table.T.reshape(*lead, 1 << M)
+
+
+def with_carrier(table: FloatArray, e: FloatArray, idle: FloatArray) -> FloatArray:
+    """Add a carrier to sums (2^M, n) over the subsets of M words in use.
+
+    It takes any word that is free, by the factors `e` (M, n), or none, by `idle` (n,).
+    """
+    M, n = e.shape
+    grown = table * idle
+    for m in range(M):
+        # Subsets by their higher words, whether word m is among them, their lower words.
+        halves = (1 << (M - m - 1), 2, 1 << m, n)
+        grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * e[m]
+    return grown
 
 
 def _used(n_used: int, n_given: int, M: int) -> IntArray:

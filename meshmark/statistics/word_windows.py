@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from meshmark.arrays import FloatArray, IntArray, SignArray
+from meshmark.statistics.assignments import with_carrier
 
 # Words about a carrier's position that it may hold: sums are over the subsets of so many.
 WINDOW_SIZE = 8
@@ -250,13 +251,7 @@ def _assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatA
     table = np.zeros((1 << WINDOW_SIZE, len(first)))
     table[0] = 1.0
     for c in range(len(x)):
-        table = _advance_window(table, steps[:, c])
-        grown = table * idle[c]
-        for w in range(WINDOW_SIZE):
-            # Sets of used words by the words above w, whether w is among them, those below.
-            halves = (1 << (WINDOW_SIZE - w - 1), 2, 1 << w, len(first))
-            grown.reshape(halves)[:, 1] += table.reshape(halves)[:, 0] * x[c, w]
-        table = grown
+        table = with_carrier(_advance_window(table, steps[:, c]), x[c], idle[c])
     return table.sum(axis=0)
 
 

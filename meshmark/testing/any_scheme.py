@@ -11,7 +11,7 @@ import pytest
 from meshmark.detection.extraction import extract
 from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import Embedded, embed_animation
-from meshmark.extension.hookspecs import HELPERS, Scheme, SchemeRecord
+from meshmark.extension.hookspecs import HELPERS, BinnedScheme, Scheme, SchemeRecord
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.testing.meshes import Mesh
@@ -24,6 +24,11 @@ CHANCE = -3.0
 
 class AnySchemeSuite:
     """Checks what schemes of both kinds have in common."""
+
+    @pytest.fixture
+    def scheme(self) -> Scheme | BinnedScheme:
+        """Offer the scheme under test."""
+        raise NotImplementedError("override the fixture `scheme`")
 
     @pytest.fixture
     def record(self) -> SchemeRecord | None:

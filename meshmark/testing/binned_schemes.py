@@ -60,11 +60,6 @@ class BinnedSchemeSuite(AnySchemeSuite):
     """Checks the contract of one binned scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
-    def scheme(self) -> BinnedScheme:
-        """Offer the scheme under test."""
-        raise NotImplementedError("override the fixture `scheme`")
-
-    @pytest.fixture
     def animation(self) -> MeshAnimation:
         """Offer an animation that can be marked, of two frames or more and without symmetry."""
         return swaying()

@@ -125,16 +125,12 @@ def dumbbell(n_around: int = 48, n_along: int = 96, neck: float = 0.3, length: f
 
 
 def capsule(n_around: int, n_along: int, radius: float = 0.3, length: float = 3.0) -> Mesh:
-    """Close a tube along the z axis by half spheres.
+    """Close a tube along the z axis, `length` long, by half spheres of its own radius.
 
     Parameters
     ----------
     n_around, n_along : int
         Vertices around the axis and along the profile.
-    radius : float
-        Of the tube and of its ends.
-    length : float
-        Length of the tube without its ends.
 
     Returns
     -------

@@ -64,11 +64,6 @@ class SchemeSuite(AnySchemeSuite):
     """Checks the contract of one scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
-    def scheme(self) -> Scheme:
-        """Offer the scheme under test."""
-        raise NotImplementedError("override the fixture `scheme`")
-
-    @pytest.fixture
     def animation(self) -> MeshAnimation:
         """Offer an animation that can be marked, of four frames or more."""
         return galloping()

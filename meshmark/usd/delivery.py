@@ -17,10 +17,9 @@ from meshmark.usd.authoring import author_marked_points, unmarked_times
 from meshmark.usd.checking import require_no_traces
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.flattening import flattened, make_instances_editable
-from meshmark.usd.layers import StreamedLayer, new_layer, replacing, usd_output_errors
+from meshmark.usd.layers import StreamedLayer, lay_over, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.traces import Moved, Traces, replace_traces
 from meshmark.usd.writing import require_prim

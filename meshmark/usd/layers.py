@@ -1,4 +1,4 @@
-"""A layer on its way to disk: written beside its place, a batch at a time, then moved there."""
+"""A new layer: laid over another, written beside its place a batch at a time, moved there."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Vt
+from pxr import Sdf, Tf, Usd, Vt
 
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.atomic import beside
@@ -33,6 +33,22 @@ POINT_TYPES = {
     np.float32: Sdf.ValueTypeNames.Point3fArray,
     np.float64: Sdf.ValueTypeNames.Point3dArray,
 }
+
+# USD asks these of the root layer alone, never of its sublayers.
+STAGE_METADATA = (
+    "colorConfiguration",
+    "colorManagementSystem",
+    "defaultPrim",
+    "endTimeCode",
+    "expressionVariables",
+    "framesPerSecond",
+    "kilogramsPerUnit",
+    "metersPerUnit",
+    "renderSettingsPrimPath",
+    "startTimeCode",
+    "timeCodesPerSecond",
+    "upAxis",
+)
 
 
 @dataclass
@@ -168,3 +184,16 @@ def sublayer_path(source: Path, output: Path) -> str:
     name = Path(relative).as_posix()
     # Without the dot USD would also look for it on its search path.
     return name if name.startswith("../") else f"./{name}"
+
+
+def lay_over(layer: Sdf.Layer, stage: Usd.Stage, source: str, output: Path) -> None:
+    """Make a layer that will lie at `output` show the stage of `source`, unchanged so far."""
+    copy_stage_metadata(stage.GetRootLayer(), layer)
+    layer.subLayerPaths.append(sublayer_path(Path(source), output))
+
+
+def copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:
+    """Copy what the source authors of the metadata that counts in a root layer only."""
+    for name in STAGE_METADATA:
+        if source.pseudoRoot.HasInfo(name):
+            target.pseudoRoot.SetInfo(name, source.pseudoRoot.GetInfo(name))

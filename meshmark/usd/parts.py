@@ -14,9 +14,8 @@ from meshmark.arrays import IntArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.usd.layers import StreamedLayer, new_layer
+from meshmark.usd.layers import StreamedLayer, lay_over, new_layer
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.writing import require_prim
 

@@ -10,9 +10,8 @@ from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.usd.authoring import author_marked_points
-from meshmark.usd.layers import new_layer
+from meshmark.usd.layers import lay_over, new_layer
 from meshmark.usd.opening import open_stage
-from meshmark.usd.overlay import lay_over
 from meshmark.usd.reach import refuse_to_overwrite
 
 

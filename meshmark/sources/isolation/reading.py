@@ -49,10 +49,8 @@ def read_isolated(
 
     Parameters
     ----------
-    source : str or Path
-        What to read.
-    prims : sequence of str
-        Paths of the meshes wanted; all where empty.
+    source, prims
+        As `meshmark.read` takes them.
     textures : bool
         Read texture coordinates, too.
 
