@@ -20,7 +20,7 @@ right nor wrong (`apex` decides at seven to three), and frames that it passes ov
 (`apex`: blends of those beside them). The figure is a minimum over several tries, and the last
 columns tell what that is worth: the share of *unmarked* frames whose best part shows at most
 {lucky:g}. No verdict rests on it. log10 p bounds the probability that a key chosen at random does
-as well on the very same file, all frames and parts together, everything searched paid for; beside
+as well on the very same file, all frames and parts together, corrected for multiple testing; beside
 it, the median of what single frames say. *Found* means p <= {fpr:g}. The attack's MRMS is its own,
 against the marked copy, in space and both ways: what was moved elsewhere or added counts. The
 control columns are the same attacks, with the same random numbers, on the unmarked asset."""

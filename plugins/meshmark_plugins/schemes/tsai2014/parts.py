@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import BoolArray, IntArray
-from meshmark.mesh.topology import edges, face_adjacency
+from meshmark.mesh.topology import edges, face_adjacency, graph_components
 
 # Moving vertices beside a cut moves the cut, and with it every distance of the part. With two
 # rings held still, the marked frame is cut where the original was: measured on two animals in
@@ -120,7 +118,5 @@ def smallest_loop(cut: IntArray) -> IntArray:
         Sorted vertex indices; of several equally small cuts, the one with the lowest index.
     """
     used, local = np.unique(cut, return_inverse=True)
-    i, j = local.reshape(-1, 2).T
-    graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(used), len(used)))
-    label = connected_components(graph, directed=False)[1]
+    label = graph_components(local.reshape(-1, 2), len(used))
     return used[label == np.bincount(label).argmin()].astype(np.int64)

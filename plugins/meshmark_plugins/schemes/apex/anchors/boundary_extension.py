@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths, normalized, sum_at_corners
-from meshmark.mesh.topology import boundary_edges
+from meshmark.mesh.topology import boundary_edges, graph_components
 
 # Rings of triangles that the strip consists of.
 STRIP_RINGS = 3
@@ -75,11 +73,8 @@ def _border(F: IntArray) -> tuple[IntArray, IntArray]:
 
 def _border_lengths(V: FloatArray, sides: IntArray) -> FloatArray:
     """Length of the border that each side is part of, (E,)."""
-    shape = (len(V), len(V))
-    graph = coo_matrix((np.ones(len(sides)), (sides[:, 0], sides[:, 1])), shape=shape)
-    _, label = connected_components(graph, directed=False)
-    own = label[sides[:, 0]]
-    total = np.bincount(own, lengths(V[sides[:, 1]] - V[sides[:, 0]]))
+    own = graph_components(sides, len(V))[sides[:, 0]]
+    total = np.bincount(own, lengths(V[sides[:, 1]] - V[sides[:, 0]])).astype(np.float64)
     return total[own]
 
 
