@@ -8,7 +8,7 @@ import pytest
 from meshmark.demo import creature as build
 from meshmark.demo import write_creature
 from meshmark.demo.flesh import creature_flesh, field
-from meshmark.demo.gait import DUTY, FOOTFALL, LIMITS, STRIDE, joint_angles, root_shift
+from meshmark.demo.gait import DUTY, FOOTFALL, STRIDE, joint_angles, root_shift
 from meshmark.demo.nets import dual_quads, patch_table
 from meshmark.demo.skeleton import creature_skeleton
 from meshmark.demo.skinning import skin, skin_weights
@@ -18,6 +18,31 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.topology import edges, face_adjacency, triangulate, vertex_components
 
 SIDES = ("left", "right")
+# How far each joint may turn from rest, degrees: (backward, forward) relative to its parent.
+LIMITS = {
+    "scapula": (-20, 20),
+    "humerus": (-25, 25),
+    "radius": (-35, 45),
+    "fore_cannon": (-110, 10),
+    "fore_pastern": (-75, 35),
+    "fore_hoof": (-30, 30),
+    "femur": (-35, 45),
+    "tibia": (-50, 20),
+    "hind_cannon": (-25, 35),
+    "hind_pastern": (-75, 35),
+    "hind_hoof": (-30, 20),
+    "pelvis": (-15, 15),
+    "thorax": (-15, 15),
+    "loin": (-10, 10),
+    "neck_low": (-25, 25),
+    "neck_high": (-20, 20),
+    "head": (-25, 25),
+    "ear": (-30, 30),
+    "tail_1": (-60, 30),
+    "tail_2": (-40, 30),
+    "tail_3": (-40, 40),
+    "tail_4": (-40, 40),
+}
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from importlib import import_module
@@ -69,7 +70,7 @@ def _draw(rows: Sequence[Row], document: Mapping[str, Any], path: Path) -> None:
     left.set(ylabel="BER of the best part (dotted: maximum)")
     left.set_ylim(-0.02, max(0.52, left.get_ylim()[1]))
     right.set(ylabel="log10 p, all frames (dotted: unmarked)")
-    right.axhline(_log10(document["fpr"]), color="0.6", lw=1)
+    right.axhline(math.log10(document["fpr"]), color="0.6", lw=1)
     for axis in (left, right):
         axis.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
     # Below both: many curves leave no place inside.
@@ -91,9 +92,3 @@ def _series(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def _values(rows: Sequence[Row], name: str) -> list[float]:
     return [float("nan") if row[name] is None else float(row[name]) for row in rows]
-
-
-def _log10(x: float) -> float:
-    import math
-
-    return math.log10(x)
