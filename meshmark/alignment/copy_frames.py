@@ -10,7 +10,9 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.checks import require_measurable
-from meshmark.mesh.geometry import vertex_normals
+from meshmark.mesh.components import surface_components
+from meshmark.mesh.geometry import face_areas, vertex_normals
+from meshmark.mesh.topology import weld
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +59,28 @@ class CopyFrame:
         F = corners.reshape(-1, 3)
         return cls(V[used], vertex_normals(V[used], F), F, used, len(V))
 
+    def parts(self, most: int) -> list[CopyFrame]:
+        """List its connected surfaces, at most so many, the largest first; none if it is one."""
+        V, F, _ = weld(self.points, self.faces)
+        label = surface_components(V, F)
+        areas = np.bincount(label, face_areas(V, F))
+        if len(areas) == 1:
+            return []
+        largest = np.argsort(-areas, kind="stable")[:most]
+        return [self._of_faces(self.faces[label == each]) for each in largest]
+
+    def _of_faces(self, faces: IntArray) -> CopyFrame:
+        used, corners = np.unique(faces, return_inverse=True)
+        return replace(
+            self,
+            points=self.points[used],
+            normals=self.normals[used],
+            faces=corners.reshape(-1, 3),
+            vertices=self.vertices[used],
+        )
+
     def some(self, most: int) -> CopyFrame:
-        """Return it with at most so many of its vertices, spread evenly; the faces are kept."""
+        """Return it with at most so many of its vertices, spread evenly, and without faces."""
         if len(self.points) <= most:
             return self
         kept = np.linspace(0, len(self.points) - 1, most).round().astype(np.int64)
@@ -66,6 +88,7 @@ class CopyFrame:
             self,
             points=self.points[kept],
             normals=self.normals[kept],
+            faces=np.empty((0, 3), dtype=np.int64),
             vertices=self.vertices[kept],
         )
 

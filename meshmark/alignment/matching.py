@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from meshmark.alignment.pose_samples import PoseSamples
 from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
@@ -85,6 +87,19 @@ class ByClosestPoint:
             return mean
 
         return Match(at(self._V), self._normals[face], at(self._motion), False)
+
+
+class BySamples:
+    """Vertices belong to the nearest sample, and slip along its face: quick, and rough."""
+
+    def __init__(self, samples: PoseSamples, pose: float) -> None:
+        self._points, self._normals, self._motion = samples.blend(pose)
+        self._tree: Any = cKDTree(self._points)
+
+    def match(self, X: FloatArray) -> Match:
+        """Match each vertex with the nearest sample."""
+        nearest = self._tree.query(X)[1]
+        return Match(self._points[nearest], self._normals[nearest], self._motion[nearest], False)
 
 
 class ByIdentity:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,11 +11,11 @@ from scipy.spatial import cKDTree
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.closest_points import surface_samples
-from meshmark.mesh.geometry import area_vectors, face_areas, lengths, normalized
+from meshmark.mesh.geometry import area_vectors, face_areas, lengths, normalized, surface_box
 
 MOST_POSES, POINTS = 64, 2000
-# Of distances to a sample, what its neighbours are apart says nothing.
-KEPT = 0.7
+# Share of the diagonal beyond which all points are equally far.
+FAR = 0.05
 
 
 class PoseSamples:
@@ -50,20 +51,47 @@ class PoseSamples:
             moments.append(Moments(V, first.faces))
         self.points, self.normals = np.stack(points), np.stack(normals)
         self.moments = tuple(moments)
-        self._trees: dict[int, cKDTree] = {}
-        # Mean distance between neighbours.
+        self._trees: dict[int, Any] = {}
+        # Mean distance between neighbours: what is nearer to a sample may lie on the surface.
         self._apart = float(np.sqrt(face_areas(first.points, first.faces).sum() / POINTS))
+        self._far = FAR * surface_box(first.points, first.faces)[0]
 
     def misfit(self, X: FloatArray, at: int) -> float:
-        """Measure how far points X (m, 3) are from pose number `at`, the farthest left aside."""
+        """Measure how far points X (m, 3) are from pose number `at`, in the mean."""
+        return float(self.misfits(X[None], at)[0])
+
+    def misfits(self, X: FloatArray, at: int) -> FloatArray:
+        """Measure how far the points of each placement X (k, m, 3) are from a pose, (k,)."""
         tree = self._trees.get(at)
         if tree is None:
             tree = self._trees[at] = cKDTree(self.points[at])
-        distance, nearest = tree.query(X)
-        across = ((X - self.points[at][nearest]) * self.normals[at][nearest]).sum(axis=1)
+        Q = X.reshape(-1, 3)
+        distance, nearest = tree.query(Q, distance_upper_bound=self._far + self._apart)
+        found = np.full(len(Q), self._far)
+        near = np.flatnonzero(np.isfinite(distance))
+        nearest, distance = nearest[near], distance[near]
+        across = ((Q[near] - self.points[at][nearest]) * self.normals[at][nearest]).sum(axis=1)
         beyond = np.maximum(distance - self._apart, 0.0)
-        found = np.sqrt(across**2 + beyond**2)
-        return float(np.sort(found)[: max(1, int(KEPT * len(found)))].mean())
+        found[near] = np.minimum(np.sqrt(across**2 + beyond**2), self._far)
+        means: FloatArray = found.reshape(X.shape[:2]).mean(axis=1)
+        return means
+
+    def blend(self, pose: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Blend the two sampled poses about a pose linearly.
+
+        Returns
+        -------
+        points, normals, motion : (POINTS, 3) float64
+            Motion is the derivative of the points by the pose.
+        """
+        if len(self.poses) == 1:
+            return self.points[0], self.normals[0], np.zeros_like(self.points[0])
+        at = int(np.clip(np.searchsorted(self.poses, pose, "right") - 1, 0, len(self.poses) - 2))
+        gap = float(self.poses[at + 1] - self.poses[at])
+        share = (pose - self.poses[at]) / gap
+        low, high = self.points[at], self.points[at + 1]
+        normals = (1.0 - share) * self.normals[at] + share * self.normals[at + 1]
+        return (1.0 - share) * low + share * high, normalized(normals), (high - low) / gap
 
     def nearest(self, X: FloatArray) -> int:
         """Find the pose that points X (m, 3) in the original's space are nearest to."""

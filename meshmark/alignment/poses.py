@@ -53,6 +53,9 @@ class _RememberedFrames:
     base: FrameSource
     kept: OrderedDict[int, Frame] = field(default_factory=OrderedDict)
 
+    def __reduce__(self) -> tuple[type[_RememberedFrames], tuple[FrameSource]]:
+        return _RememberedFrames, (self.base,)
+
     def frame(self, index: int) -> Frame:
         if index in self.kept:
             self.kept.move_to_end(index)

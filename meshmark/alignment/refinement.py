@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.alignment.matching import Match, Matcher
-from meshmark.alignment.robust import scale_of, tukey
+from meshmark.alignment.robust import peak_scale, scale_of, tukey
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
 
 # Steps, as shares of the diagonal and of a frame, below which it has converged.
-STILL, STILL_POSE = 1e-8, 1e-5
+STILL, STILL_POSE = 1e-7, 1e-4
+# The farthest turn, growth and shift of one step.
+LEAP = 0.3
 # A pose so near to a frame is that frame.
 SNAP = 0.05
 # Residuals below this share of the diagonal are rounding: all weigh alike.
@@ -38,6 +40,11 @@ class Placement:
     A: FloatArray
     pose: float
 
+    @property
+    def mirrors(self) -> bool:
+        """Whether it maps shapes to their mirror images."""
+        return bool(np.linalg.det(self.A[:, :3]) < 0)
+
     def __call__(self, P: FloatArray) -> FloatArray:
         """Map points (n, 3) of the copy."""
         mapped: FloatArray = P @ self.A[:, :3].T + self.A[:, 3]
@@ -60,10 +67,13 @@ class Rest:
     distances : (n,) float64
     agree : (n,) bool
         Whether the normals agree.
+    slip : float
+        See `meshmark.alignment.matching.Match.slip`.
     """
 
     distances: FloatArray
     agree: NDArray[np.bool_]
+    slip: float
 
 
 class Refinement:
@@ -80,6 +90,8 @@ class Refinement:
     centre : (3,) float64
     diagonal : float
         Of the original's bounding box.
+    reach : float
+        Vertices farther from the surface than this share of the diagonal do not count.
     """
 
     def __init__(
@@ -90,10 +102,11 @@ class Refinement:
         poses: int,
         centre: FloatArray,
         diagonal: float,
+        reach: float = np.inf,
     ) -> None:
         self._P, self._normals = P, normals
         self._matcher_at, self._last = matcher_at, float(poses - 1)
-        self._centre, self._diagonal = centre, diagonal
+        self._centre, self._diagonal, self._reach = centre, diagonal, reach
 
     def refine(self, start: Placement, rounds: int, free_pose: bool = True) -> Placement:
         """Converge from a start; a pose next to a frame snaps to it.
@@ -116,7 +129,8 @@ class Refinement:
         """Measure what a placement leaves."""
         X = placement(self._P)
         match = self._matcher_at(placement.pose).match(X)
-        return Rest(lengths(X - match.points) / self._diagonal, self._agree(placement, match))
+        gap = (X - match.points) / self._diagonal
+        return Rest(lengths(gap), self._agree(placement, match), match.slip(gap))
 
     def _converge(self, placement: Placement, rounds: int, free_pose: bool) -> Placement:
         matcher = self._matcher_at(placement.pose)
@@ -146,7 +160,12 @@ class Refinement:
         y = (X - self._centre) / self._diagonal
         n = match.normals
         across = (gap * n).sum(axis=1)
-        w = tukey(lengths(gap), max(scale_of(lengths(gap)), EXACT)) * agree
+        distance = lengths(gap)
+        within = distance < self._reach
+        # From afar, half of the vertices lead the way; near the goal, those that are there do.
+        estimate = scale_of if np.isinf(self._reach) else peak_scale
+        scale = estimate(distance[within]) if within.any() else self._reach
+        w = tukey(distance, max(scale, EXACT)) * (agree & within)
         J = np.column_stack(
             [np.cross(y, n), (y * n).sum(axis=1), n, -(match.motion * n).sum(axis=1)]
         )
@@ -160,6 +179,7 @@ class Refinement:
         size = np.sqrt(np.maximum(np.diag(H)[:k], np.finfo(float).tiny))
         step = np.zeros(8)
         step[:k] = -np.linalg.lstsq(H[:k, :k] / np.outer(size, size), g[:k] / size, 1e-9)[0] / size
+        step[:7] /= max(1.0, float(np.abs(step[:7]).max()) / LEAP)
         return step
 
     def _moved(self, placement: Placement, step: FloatArray) -> Placement:

@@ -30,6 +30,12 @@ def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
     return lengths(area_vectors(V, F))
 
 
+def edge_length(V: FloatArray, F: IntArray, quantile: float = 0.5) -> float:
+    """Measure a quantile, by default the median, of the lengths of triangles' sides."""
+    sides = [lengths(V[F[:, i]] - V[F[:, i - 1]]) for i in range(3)]
+    return float(np.quantile(sides, quantile))
+
+
 def surface_box(V: FloatArray, F: IntArray) -> tuple[float, FloatArray]:
     """Measure the bounding box of a surface, points that no triangle uses left aside.
 

@@ -1,0 +1,88 @@
+"""The original, as frames of a copy are compared with it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.pose_samples import PoseSamples, spread
+from meshmark.alignment.poses import posed, remembered
+from meshmark.alignment.procrustes import misfits
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.errors import AlignmentError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.closest_points import sample_surface
+from meshmark.mesh.geometry import surface_box
+
+PAIRS = 1000
+
+
+class Original:
+    """One mesh of the original, and what is known of its poses.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        It remembers the frames it was asked for last.
+
+    Attributes
+    ----------
+    diagonal : float
+    centre : (3,) float64
+        Of the bounding box of its first frame.
+
+    Raises
+    ------
+    AlignmentError
+        If its connectivity changes over time, or it has no extent.
+    """
+
+    def __init__(self, animation: MeshAnimation) -> None:
+        if not animation.constant_topology:
+            raise self._unfit(animation, "the connectivity of the original changes over time")
+        self.animation = remembered(animation)
+        first = self.animation[0]
+        self.n_points = first.topology.n_points
+        self.diagonal, self.centre = surface_box(first.points, first.faces)
+        if not 0.0 < self.diagonal < np.inf:
+            raise self._unfit(animation, "the original is scaled to nothing")
+
+    @cached_property
+    def samples(self) -> PoseSamples:
+        """Few points of its surface in many poses."""
+        return PoseSamples(self.animation)
+
+    @cached_property
+    def _vertices(self) -> tuple[IntArray, FloatArray]:
+        """Some vertices, (m,), and where they are in the sampled poses, (K, m, 3)."""
+        used = np.unique(self.animation[0].faces)
+        some = used[spread(len(used), PAIRS)]
+        poses = self.samples.poses
+        return some, np.stack([self.animation[int(k)].points[some] for k in poses])
+
+    def pose_of(self, frame: CopyFrame) -> float | None:
+        """Find the sampled pose that resembles a frame of the same vertices most.
+
+        Returns
+        -------
+        float or None
+            None if the frame has too few of them.
+        """
+        some, where = self._vertices
+        slot = np.minimum(np.searchsorted(frame.vertices, some), len(frame.vertices) - 1)
+        there = frame.vertices[slot] == some
+        if there.sum() < 4:
+            return None
+        at = int(misfits(frame.points[slot[there]], where[:, there]).argmin())
+        return float(self.samples.poses[at])
+
+    def surface_samples(self, pose: float, n: int) -> FloatArray:
+        """Spread points over the surface in a pose, (n, 3)."""
+        frame = posed(self.animation, pose)
+        return sample_surface(frame.points, frame.faces, n, np.random.default_rng(0))
+
+    @staticmethod
+    def _unfit(animation: MeshAnimation, reason: str) -> AlignmentError:
+        return AlignmentError(reason, source=animation.origin, prim=animation.prim)

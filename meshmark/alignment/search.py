@@ -1,0 +1,427 @@
+"""The placement of one frame of a copy, from nothing or near to a known one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from meshmark.alignment.axes import by_axes
+from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.features import by_features
+from meshmark.alignment.maps import maps_of
+from meshmark.alignment.matching import ByClosestPoint, ByIdentity, BySamples, Matcher
+from meshmark.alignment.original import Original
+from meshmark.alignment.placement import FramePlacement
+from meshmark.alignment.pose_samples import spread
+from meshmark.alignment.procrustes import robust_similarity
+from meshmark.alignment.refinement import Placement, Refinement, Rest
+from meshmark.alignment.robust import TUKEY, peak_scale
+from meshmark.arrays import FloatArray
+from meshmark.errors import AlignmentError, MeshmarkError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.closest_points import sample_surface
+from meshmark.mesh.geometry import edge_length, face_areas
+
+IDENTITY, PCA, FEATURES = "identity", "pca", "features"
+# Vertices that rough and exact placements are computed from, at most, and their rounds.
+ROUGH, ROUGH_ROUNDS = 600, 12
+EXACT, EXACT_ROUNDS = 12_000, 30
+# Where an exact placement starts, most vertices are nearer than this share of the diagonal.
+REACH = 0.05
+# Nearer vertices lie on the original, if the normals agree.
+NEAR = 0.02
+# The share of them whose distances make the residual, in mean squares, and what it may be.
+KEPT, FITS = 0.9, 0.008
+# Vertices cover what is nearer than this quantile of edges is long.
+LONG = 0.95
+# Paired vertices may slide along the surface.
+FITS_PAIRED = 0.03
+# Either most of the copy lies on the original, or most of the original has copy on it.
+MOST, LEAST = 0.6, 0.03
+# Placements of a whole leave less than this; if one does not, local features are tried, too.
+WELL, WHOLE = 1e-3, 0.97
+# Below, vertices slide along the surface: the closest points tell more of it than theirs.
+SLIDES = 0.1
+# Distances in single precision.
+ROUNDING = 1e-7
+# Frames that are tried before nothing fits, and separate surfaces of a frame.
+TRIED, PARTS = 3, 4
+# Rough placements that are told apart, and made exact.
+TOLD_APART, MADE_EXACT = 8, 2
+# Placements that differ by more than this share of the diagonal are not the same; one is better
+# if its distances are smaller by so many standard errors, or by this factor.
+DIFFERENT, SURE, ALIKE = 0.02, 5.0, 1.5
+# Distances of so many vertices err alike.
+CORRELATED = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A placement of a frame, and what is left.
+
+    Parameters
+    ----------
+    placement : Placement
+    distances : (n,) float64
+        Of some of the vertices from the surface, as shares of the diagonal.
+    near : float
+        Share of the vertices that lie on the original.
+    covered : float
+        Share of the original's area that has vertices on it.
+    extent : float
+        Diagonal of these vertices, as a share of the original's.
+    slip : float
+        See `meshmark.alignment.matching.Match.slip`; 0 for vertices that are not paired.
+    """
+
+    placement: Placement
+    distances: FloatArray
+    near: float = 0.0
+    covered: float = 0.0
+    extent: float = 0.0
+    slip: float = 0.0
+
+    @cached_property
+    def residual(self) -> float:
+        """Root mean square distance of the vertices that belong there, but the farthest tenth."""
+        within = np.sort(self.distances[self.distances < NEAR])
+        if within.size:
+            within = within[within <= TUKEY * max(peak_scale(within), ROUNDING)]
+        within = within[: max(1, round(KEPT * len(within)))]
+        return float(np.sqrt((within**2).mean())) if within.size else np.inf
+
+    @property
+    def fits(self) -> bool:
+        """Whether the copy lies there."""
+        return (
+            self.residual < FITS * min(1.0, self.extent)
+            and max(self.near, self.covered) >= MOST
+            and self.covered >= LEAST
+        )
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing better is to be expected: that it fits is no accident of a symmetry."""
+        return self.fits and (self.residual < WELL or self.covered > WHOLE)
+
+    @property
+    def misfit(self) -> float:
+        """Mean distance, where whatever is not near counts as far."""
+        return float(np.minimum(self.distances, REACH).mean())
+
+
+class Search:
+    """Places frames of a copy on one mesh of the original; pickles.
+
+    Parameters
+    ----------
+    meshes : sequence of MeshAnimation
+        Of the copy, read as one.
+    original : Original
+    """
+
+    def __init__(self, meshes: Sequence[MeshAnimation], original: Original) -> None:
+        self._meshes, self._original = tuple(meshes), original
+
+    def first(self, frames: Sequence[int], methods: Sequence[str]) -> tuple[str, Placement]:
+        """Place one of some frames from nothing: the first, one in the middle or the last.
+
+        Returns
+        -------
+        method : str
+            The first of the methods by which it succeeds.
+        placement : Placement
+
+        Raises
+        ------
+        AlignmentError
+            If no placement fits, or several do alike.
+        """
+        reason = "no frame of the copy can be read"
+        tried = [frames[i] for i in spread(len(frames), TRIED)]
+        best: tuple[str, Fit] | None = None
+        for method in methods:
+            for index in tried[: 1 if method == FEATURES else TRIED]:
+                try:
+                    fit = self.place(CopyFrame.of(self._meshes, index), method)
+                except MeshmarkError as error:
+                    reason = error.message
+                    continue
+                if fit is not None and (best is None or _better(fit, best[1])):
+                    best = method, fit
+                if fit is None or fit.fits:
+                    break
+            if best is not None and best[1].is_good:
+                break
+        if best is not None and best[1].fits:
+            return best[0], best[1].placement
+        raise AlignmentError(
+            reason if best is None else _shortfall(best[1]),
+            source=self._meshes[0].origin,
+            prim=self._meshes[0].prim,
+        )
+
+    def known(self, frames: Sequence[int], starts: Iterable[Placement]) -> Placement | None:
+        """Tell under which of the placements that were found for other meshes these fit, too.
+
+        A remnant will do: what lies on the original there is part of it.
+        """
+        try:
+            frame = CopyFrame.of(self._meshes, frames[0])
+        except MeshmarkError:
+            return None
+        for start in starts:
+            fit = self.near(frame, start)
+            X, Y = fit.placement(frame.points), start(frame.points)
+            apart = np.linalg.norm(X - Y, axis=1).mean() / self._original.diagonal
+            if fit.near >= MOST and fit.residual < FITS and apart < DIFFERENT:
+                return fit.placement
+        return None
+
+    def place(self, frame: CopyFrame, method: str) -> Fit | None:
+        """Place a frame from nothing; None if the method does not apply.
+
+        Raises
+        ------
+        AlignmentError
+            If several placements fit equally well.
+        """
+        if method == IDENTITY:
+            return self._by_identity(frame)
+        if method == PCA:
+            return self._by_axes(frame)
+        return self._by_features(frame)
+
+    def near(self, frame: CopyFrame, start: Placement) -> Fit:
+        """Place a frame whose similarity, but not its pose, is about that of another."""
+        samples = self._original.samples
+        P = sample_surface(frame.points, frame.faces, ROUGH, np.random.default_rng(0))
+        pose = float(samples.poses[samples.nearest(start(P))])
+        rough = self._rough(frame, Placement(start.A, pose), REACH)
+        return self._exact(frame, rough.placement)
+
+    def _by_identity(self, frame: CopyFrame) -> Fit | None:
+        original = self._original
+        pose = original.pose_of(frame) if frame.n_points == original.n_points else None
+        if pose is None:
+            return None
+        some = frame.some(EXACT)
+        there = original.animation[int(pose)].points[some.vertices]
+        start = Placement(robust_similarity(some.points, there), pose)
+        apart = np.linalg.norm(start(some.points) - there, axis=1) / original.diagonal
+        if not np.quantile(apart, KEPT) < 2.0 * FITS_PAIRED:
+            return None
+        found, rest = self._refined(some, start, _Paired(original, some), EXACT_ROUNDS)
+        if np.quantile(rest.distances, KEPT) > FITS_PAIRED:
+            return None
+        if rest.slip < SLIDES:
+            found, _ = self._refined(some, found, _Closest(original), EXACT_ROUNDS)
+        return self._fit(frame, found, rest.slip)
+
+    def _by_axes(self, frame: CopyFrame) -> Fit | None:
+        best = None
+        for part in (frame, *frame.parts(PARTS)):
+            best = _best_of(best, self._best(part, by_axes(part, self._original.samples)))
+            if best is not None and best.is_good:
+                break
+        return best
+
+    def _by_features(self, frame: CopyFrame) -> Fit | None:
+        original = self._original
+        first = original.animation[0]
+        area = float(face_areas(first.points, first.faces).sum())
+        edge = edge_length(first.points, first.faces)
+        best = None
+        for part in [frame, *frame.parts(1)]:
+            for starts in by_features(part, original.samples, original.diagonal, area, edge):
+                best = _best_of(best, self._best(part, starts))
+                if best is not None and best.fits:
+                    return best
+        return best
+
+    def _best(self, frame: CopyFrame, starts: Iterable[Placement]) -> Fit | None:
+        """Make the best of rough placements exact."""
+        rough = sorted((self._rough(frame, start) for start in starts), key=_misfit)
+        if not rough:
+            return None
+        best = min((self._exact(frame, fit.placement) for fit in rough[:MADE_EXACT]), key=_misfit)
+        return self._unambiguous(frame, best, rough[:TOLD_APART]) if best.fits else best
+
+    def _unambiguous(self, frame: CopyFrame, best: Fit, others: Sequence[Fit]) -> Fit:
+        """Refuse what fits in several places alike; of a mirror image, take the shape itself."""
+        some, original = frame.some(ROUGH), self._original
+        X = best.placement(some.points)
+        own = np.minimum(self._rough_fit(some, best.placement).distances, NEAR)
+        for other in others:
+            # Worse than this before it has converged, it is no rival.
+            if other.misfit > FITS + ALIKE * best.misfit:
+                continue
+            found, _ = self._refined(some, other.placement, _Closest(original), EXACT_ROUNDS, REACH)
+            apart = np.linalg.norm(found(some.points) - X, axis=1).mean()
+            theirs = np.minimum(self._rough_fit(some, found).distances, NEAR)
+            if apart < DIFFERENT * original.diagonal or not _alike(own, theirs):
+                continue
+            if found.mirrors:
+                continue
+            if best.placement.mirrors:
+                return self._unambiguous(frame, self._exact(frame, found), others)
+            raise AlignmentError(
+                "the copy fits in several places equally well, as symmetric shapes do",
+                source=self._meshes[0].origin,
+                prim=self._meshes[0].prim,
+            )
+        return best
+
+    def _rough(self, frame: CopyFrame, start: Placement, reach: float = np.inf) -> Fit:
+        some = frame.some(ROUGH)
+        refinement = self._refinement(some, _Samples(self._original), reach)
+        found = refinement.refine(start, ROUGH_ROUNDS, free_pose=False)
+        found = refinement.refine(found, ROUGH_ROUNDS)
+        return self._rough_fit(some, found)
+
+    def _rough_fit(self, some: CopyFrame, placement: Placement) -> Fit:
+        rest = self._refinement(some, _Closest(self._original), np.inf).rest(placement)
+        return Fit(placement, rest.distances)
+
+    def _exact(self, frame: CopyFrame, start: Placement) -> Fit:
+        at = _Closest(self._original)
+        found, _ = self._refined(frame.some(EXACT), start, at, EXACT_ROUNDS, REACH)
+        return self._fit(frame, found)
+
+    def _fit(self, frame: CopyFrame, placement: Placement, slip: float = 0.0) -> Fit:
+        some, original = frame.some(EXACT), self._original
+        rest = self._refinement(some, _Closest(original), np.inf).rest(placement)
+        lies = rest.agree & (rest.distances < NEAR)
+        if lies.sum() < 4:
+            return Fit(placement, rest.distances)
+        X = placement(some.points[lies])
+        scale = np.cbrt(abs(np.linalg.det(placement.A[:, :3])))
+        longest = scale * edge_length(frame.points, frame.faces, LONG)
+        reach = max(NEAR * original.diagonal, longest)
+        distance, _ = cKDTree(X).query(original.surface_samples(placement.pose, 2000))
+        return Fit(
+            placement,
+            rest.distances,
+            float(lies.mean()),
+            float((distance < reach).mean()),
+            float(np.linalg.norm(np.ptp(X, axis=0))) / original.diagonal,
+            slip,
+        )
+
+    def _refined(
+        self,
+        frame: CopyFrame,
+        start: Placement,
+        matcher_at: Callable[[float], Matcher],
+        rounds: int,
+        reach: float = np.inf,
+        free_pose: bool = True,
+    ) -> tuple[Placement, Rest]:
+        refinement = self._refinement(frame, matcher_at, reach)
+        found = refinement.refine(start, rounds, free_pose)
+        return found, refinement.rest(found)
+
+    def _refinement(
+        self, frame: CopyFrame, matcher_at: Callable[[float], Matcher], reach: float
+    ) -> Refinement:
+        original = self._original
+        return Refinement(
+            frame.points,
+            frame.normals,
+            matcher_at,
+            len(original.animation),
+            original.centre,
+            original.diagonal,
+            reach,
+        )
+
+
+class FollowFrame:
+    """Places one frame after another was placed; pickles, for worker processes."""
+
+    def __init__(
+        self, meshes: Sequence[MeshAnimation], original: Original, method: str, start: Placement
+    ) -> None:
+        self._meshes, self._original = tuple(meshes), original
+        self._method, self._start = method, start
+
+    def __call__(self, index: int) -> FramePlacement | None:
+        """Return the placement of a frame of the copy; None if it does not fit."""
+        search = Search(self._meshes, self._original)
+        try:
+            frame = CopyFrame.of(self._meshes, index)
+            fit: Fit | None = None
+            if self._method != IDENTITY:
+                fit = search.near(frame, self._start)
+            if fit is None or not fit.fits:
+                fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
+        except MeshmarkError:
+            # A frame that cannot be read, or lies anywhere.
+            return None
+        if fit is None or not fit.fits:
+            return None
+        some = frame.some(EXACT)
+        paired = self._method == IDENTITY and fit.slip >= SLIDES
+        at = _Paired(self._original, some) if paired else _Closest(self._original)
+        maps = maps_of(some.points, fit.placement, at(fit.placement.pose), fit.covered)
+        return FramePlacement(index, fit.placement.pose, maps, fit.residual, fit.covered)
+
+
+@dataclass(frozen=True, eq=False)
+class _Closest:
+    original: Original
+
+    def __call__(self, pose: float) -> Matcher:
+        return ByClosestPoint(self.original.animation, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    original: Original
+
+    def __call__(self, pose: float) -> Matcher:
+        return BySamples(self.original.samples, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class _Paired:
+    original: Original
+    frame: CopyFrame
+
+    def __call__(self, pose: float) -> Matcher:
+        return ByIdentity(self.original.animation, pose, self.frame.vertices)
+
+
+def _alike(own: FloatArray, theirs: FloatArray) -> bool:
+    """Tell whether distances (n,) under two placements may be equal but for chance."""
+    difference = theirs - own
+    error = difference.std() / np.sqrt(max(len(difference) / CORRELATED, 1.0))
+    near = theirs.mean() < ALIKE * own.mean() + ROUNDING
+    return bool(near and difference.mean() < SURE * error + ROUNDING)
+
+
+def _best_of(one: Fit | None, other: Fit | None) -> Fit | None:
+    if one is None or other is None:
+        return one or other
+    return other if _better(other, one) else one
+
+
+def _better(one: Fit, other: Fit) -> bool:
+    return (one.fits, -one.misfit) > (other.fits, -other.misfit)
+
+
+def _misfit(fit: Fit) -> float:
+    return fit.misfit
+
+
+def _shortfall(fit: Fit) -> str:
+    if not np.isfinite(fit.residual):
+        return "nothing of the copy lies on the original"
+    return (
+        f"at best {fit.near:.0%} of the copy lie on {fit.covered:.0%} of the original, "
+        f"{fit.residual:.2%} of its diagonal away"
+    )
