@@ -260,7 +260,8 @@ class Search:
             # Worse than this before it has converged, it is no rival.
             if other.misfit > FITS + ALIKE * best.misfit:
                 continue
-            found, _ = self._refined(some, other.placement, _Closest(original), EXACT_ROUNDS, REACH)
+            refinement = self._refinement(some, _Closest(original), REACH)
+            found = refinement.refine(other.placement, EXACT_ROUNDS, free_pose=False)
             apart = np.linalg.norm(found(some.points) - X, axis=1).mean()
             theirs = np.minimum(self._rough_fit(some, found).distances, NEAR)
             if apart < DIFFERENT * original.diagonal or not _alike(own, theirs):
@@ -319,10 +320,9 @@ class Search:
         matcher_at: Callable[[float], Matcher],
         rounds: int,
         reach: float = np.inf,
-        free_pose: bool = True,
     ) -> tuple[Placement, Rest]:
         refinement = self._refinement(frame, matcher_at, reach)
-        found = refinement.refine(start, rounds, free_pose)
+        found = refinement.refine(start, rounds)
         return found, refinement.rest(found)
 
     def _refinement(

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from meshmark.cli.align import align
 from meshmark.cli.attack import attack
 from meshmark.cli.bench import bench
 from meshmark.cli.check import check
@@ -43,6 +44,6 @@ def _options(
     """Mark animated meshes, and find the mark again in a leaked copy."""
 
 
-for command in (keygen, inspect, embed, verify, check, attack, bench, segment, demo):
+for command in (keygen, inspect, embed, verify, align, check, attack, bench, segment, demo):
     app.command()(command)
 app.add_typer(plugins, name="plugins")

@@ -19,9 +19,10 @@ from meshmark.extension.registry import make_reader
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.testing.meshes import icosphere
 from meshmark.testing.schemas import schema_folder
 
-PRIM = "/Creature/Geom/body"
+PRIM, BALL = "/Creature/Geom/body", Path("ball.usdc")
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +95,27 @@ def test_inspect_foresees(run) -> None:
     assert prim["can_hold"]
     assert prim["parts"] >= 6
     assert prim["reachable_log10_p"] < -6
+
+
+def test_align_finds_a_moved_copy_and_refuses_what_is_none(run) -> None:
+    assert run("attack", "similarity", "marked.usda", "-o", "moved.usdc", "--seed", "3")[0] == 0
+    code, out, err = run("align", "moved.usdc", "--original", "creature.usdc", "--json")
+    document = json.loads(out)
+    validate(document, "align")
+    [mesh] = document["meshes"]
+    assert (code, mesh["prim"], mesh["copy_prims"]) == (0, PRIM, [PRIM])
+    assert [frame["original_time"] for frame in mesh["frames"]] == [1.0, 9.0, 17.0]
+    there, here = (read(name).mesh(PRIM)[0].points for name in ("moved.usdc", "creature.usdc"))
+    A = np.array(mesh["frames"][0]["similarity"]).reshape(4, 4)
+    assert np.abs(there @ A[:3, :3].T + A[:3, 3] - here).mean() < 1e-2 * np.ptp(here)
+    assert "1 of 1 mesh(es) found" in err
+
+    write_attacked(Asset("ball", (MeshAnimation.from_arrays(*icosphere(3)),), "memory"), BALL)
+    code, out, err = run("align", BALL, "--original", "creature.usdc")
+    assert (code, out) == (4, "")
+    assert "not found" in err
+    assert run("align", "moved.usdc", "--original", "none.usdc")[0] == 3
+    assert run("align", "moved.usdc", "--original", "creature.usdc", "--frames", "90:")[0] == 2
 
 
 def test_the_marked_layer_holds_nothing_but_what_changed(studio) -> None:

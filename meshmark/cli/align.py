@@ -1,0 +1,50 @@
+"""`meshmark align`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from meshmark.cli.console import put_json, say
+from meshmark.cli.options import FramesOption, JsonOption, TrustedOption
+
+NOTHING_FITS = 4
+
+
+def align(
+    copy: Annotated[str, typer.Argument(help="The copy to place.", show_default=False)],
+    original: Annotated[
+        str, typer.Option("--original", metavar="SOURCE", help="What it may be a copy of.")
+    ],
+    frames: FramesOption = None,
+    trusted: TrustedOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find where COPY lies on its original: mesh, pose, similarity; exit code 4 if nowhere."""
+    from meshmark.commands.align import align_assets
+    from meshmark.sources.reading import read
+    from meshmark.workers.ordered_map import default_jobs
+
+    ours = read(original, isolated=not trusted)
+    theirs = read(copy, isolated=not trusted)
+    document = align_assets(theirs, ours, frames=frames, jobs=default_jobs())
+    if json:
+        put_json(document)
+    _tell(document)
+    if not document["meshes"]:
+        raise typer.Exit(NOTHING_FITS)
+
+
+def _tell(document: dict[str, Any]) -> None:
+    total = len(document["meshes"]) + len(document["unplaced"])
+    say(f"{document['copy']}: {len(document['meshes'])} of {total} mesh(es) found")
+    for mesh in document["meshes"]:
+        poses = [frame["pose"] for frame in mesh["frames"]]
+        say(
+            f"  {mesh['prim']}: {' + '.join(mesh['copy_prims'])} by {mesh['method']}, "
+            f"{len(poses)} frames show poses {min(poses):g} to {max(poses):g}, "
+            f"{mesh['covered']:.0%} covered, residual {mesh['residual']:.1e}"
+        )
+    for each in document["unplaced"]:
+        say(f"  {each['prim']}: not found: {each['reason']}")
