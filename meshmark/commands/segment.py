@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from meshmark.arrays import IntArray
-from meshmark.errors import UsageError
+from meshmark.errors import CapacityError, UsageError
+from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.interfaces import Segmenter
 from meshmark.extension.parameters import name_and_value
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_segmenter
-from meshmark.mesh.animation import Frame
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
@@ -50,21 +51,33 @@ def segment_asset(asset: Asset, segmenter: Segmenter, frames: str | None) -> Lab
     -------
     mapping of prim to list of (F,) int
         One array for each frame segmented.
+
+    Raises
+    ------
+    CapacityError
+        If a mesh is too degenerate to compute on.
     """
     return {
         mesh.prim: [
-            _labels(mesh[index], segmenter)
+            _labels(mesh, index, segmenter)
             for index in (frames_in(mesh, frames) if frames is not None else (0,))
         ]
         for mesh in asset.meshes
     }
 
 
-def _labels(frame: Frame, segmenter: Segmenter) -> IntArray:
+def _labels(mesh: MeshAnimation, index: int, segmenter: Segmenter) -> IntArray:
+    frame = mesh[index]
     welding = Welding.of(frame)
     analysed = welding.frame(frame)
     labels = np.zeros(len(frame.faces), dtype=np.int64)
-    labels[welding.faces] = segmenter.segment(analysed.points, analysed.faces)
+    try:
+        with breakdown_means_no_capacity():
+            labels[welding.faces] = segmenter.segment(analysed.points, analysed.faces)
+    except CapacityError as error:
+        raise CapacityError(
+            error.message, source=mesh.origin, prim=mesh.prim, time=frame.time
+        ) from None
     return labels
 
 

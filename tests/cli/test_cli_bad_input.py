@@ -236,14 +236,30 @@ def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
 @pytest.mark.parametrize(("number", "size"), [(1, 1e17), (2, 1e17), (5, 1e17), (8, 1e38)])
 @pytest.mark.parametrize("scheme", ["apex", "tsai2014", "cho2007"])
 def test_a_few_points_far_off_are_no_bug(run, scheme, number, size) -> None:
-    # As flipped bits make them; the segmenter's equations over such faces have no solution.
-    V, F = sphere(162)
-    V[np.linspace(3, 150, number).astype(int)] *= size
-    write_new(Asset("x", (MeshAnimation.from_arrays(V, F),), "none"), Path("spikes.obj"))
+    write_spikes(number, size)
     code, _, err = run("inspect", "spikes.obj", "--scheme", scheme)
     assert code in (0, 1), err
     code, _, err = run("verify", "spikes.obj", "--scheme", scheme, "--key", "k")
     assert code in (1, 4), err
+
+
+def write_spikes(number: int, size: float) -> None:
+    """Write a ball with a few points far off, as flipped bits make them.
+
+    The segmenter's equations over such faces have no solution.
+    """
+    V, F = sphere(162)
+    V[np.linspace(3, 150, number).astype(int)] *= size
+    write_new(Asset("x", (MeshAnimation.from_arrays(V, F),), "none"), Path("spikes.obj"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("number", "size"), [(1, 1e17), (2, 1e17), (5, 1e17), (8, 1e38)])
+def test_parts_of_a_mesh_with_a_few_points_far_off(run, number, size) -> None:
+    write_spikes(number, size)
+    code, _, err = run("segment", "spikes.obj", "-o", "parts.usda")
+    assert code in (0, 3), err
+    assert code == 0 or err.startswith("error: spikes.obj: /: the surface is too degenerate")
 
 
 def test_only_numerical_breakdowns_are_taken_for_lack_of_capacity() -> None:
