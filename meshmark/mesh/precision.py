@@ -16,11 +16,13 @@ Moved along one axis only: apex -15.8 at 7e-3, 0 at 1.4e-2.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from meshmark.arrays import IntArray
-from meshmark.errors import CapacityError
+from meshmark.errors import CapacityError, OutputError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box
 
@@ -90,3 +92,21 @@ def require_precision(animation: MeshAnimation, frame: Frame) -> tuple[str, ...]
     if lost:
         raise CapacityError(told)
     return (told,)
+
+
+def stored(points: NDArray[np.floating], dtype: DTypeLike, **where: Any) -> NDArray[np.floating]:
+    """Round points (N, 3) to the type they are written in.
+
+    Raises
+    ------
+    OutputError
+        If one is not finite, or too far from the origin for that type. It names `where`: source,
+        prim and time.
+    """
+    if not np.isfinite(points).all():
+        raise OutputError("a point is not finite", **where)
+    with np.errstate(over="ignore"):
+        rounded: NDArray[np.floating] = points.astype(dtype)
+    if not np.isfinite(rounded).all():
+        raise OutputError(f"a point is beyond the range of {rounded.dtype}", **where)
+    return rounded

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.precision import stored
 from meshmark.usd.frames import blamed
 from meshmark.usd.geometry import (
     local_points,
@@ -44,7 +45,7 @@ def author_marked_points(
         If a marked frame is at a time the source has no points at, or has another number of
         points.
     OutputError
-        If a marked point is not finite.
+        If a marked point is not finite, or beyond what the prim's type holds.
     """
     path = str(prim.GetPath())
     with blamed(marked.origin, path):
@@ -105,7 +106,7 @@ def _moved(prim: Usd.Prim, time: float, original: LocalPoints, marked: FloatArra
     still = np.abs(move).max(axis=1) <= NO_MOVE * np.abs(world).max()
     # A prim scaled to nothing in some direction cannot move that way: the pseudo-inverse.
     inverse = np.linalg.pinv(matrix[:3, :3])
-    moved = (original + turned(move, inverse.astype(np.float64))).astype(original.dtype)
+    moved = stored(original + turned(move, inverse.astype(np.float64)), original.dtype)
     return np.where(still[:, None], original, moved)
 
 

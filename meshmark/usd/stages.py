@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Tf, UsdGeom
 
-from meshmark.errors import OutputError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.precision import stored
 from meshmark.mesh.topology import Topology
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
 from meshmark.usd.names import READER
@@ -39,7 +39,7 @@ def write_stage(asset: Asset, output: Path) -> None:
     Raises
     ------
     OutputError
-        If the place cannot be written to, or a point is not finite.
+        If the place cannot be written to, or a point is not finite or beyond what its type holds.
     """
     with new_layer(output) as target:
         _describe(target.layer, asset)
@@ -103,11 +103,7 @@ def _write_mesh(target: StreamedLayer, path: Sdf.Path, mesh: MeshAnimation) -> N
             time = np.nan if mesh.constant_topology else frame.time
             target.set_integers(counts, time, faces.counts)
             target.set_integers(indices, time, faces.indices)
-        P = frame.points.astype(dtype)
-        if not np.isfinite(P).all():
-            raise OutputError(
-                "a point is not finite", source=mesh.origin, prim=mesh.prim, time=frame.time
-            )
+        P = stored(frame.points, dtype, source=mesh.origin, prim=mesh.prim, time=frame.time)
         target.set_vectors(points, frame.time, P)
         target.set_vectors(box, frame.time, extent(P))
 

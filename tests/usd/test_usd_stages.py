@@ -72,6 +72,14 @@ def test_new_stage_of_bad_points(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.filterwarnings("error")
+def test_new_stage_of_points_that_single_precision_does_not_hold(tmp_path: Path) -> None:
+    mesh = animation(3).map(lambda frame: frame.moved(frame.points + np.float64(1e39)))
+    with pytest.raises(OutputError, match="frame 1: a point is beyond the range of float32"):
+        write_stage(Asset("x", (mesh,), "test"), tmp_path / "o.usda")
+    assert list(tmp_path.iterdir()) == []
+
+
 class ManyFrames:
     """Frames made when asked for, and the most memory of its own the process had meanwhile."""
 

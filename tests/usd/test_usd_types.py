@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, Vt
 
-from meshmark.errors import InputError
+from meshmark.errors import InputError, OutputError
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
@@ -195,3 +197,25 @@ def test_flat_and_needle_thin_meshes_are_no_bugs(tmp_path: Path, z: str, scheme:
     source = write_text(tmp_path / "a.usda", transformed_cube(f"scale (1, 1, {z})"))
     (found,) = inspect_asset(read_stage(source), Recipe(scheme))["prims"]
     assert not found["can_hold"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("write", [write_override, write_flattened])
+def test_points_that_their_type_does_not_hold_are_not_written(tmp_path: Path, write: Any) -> None:
+    statement = points("half3", 6e4 * CUBE_POINTS.astype(float))
+    original = read_stage(write_text(tmp_path / "a.usda", cube(points=statement)))
+    mesh = original.meshes[0].map(lambda frame: frame.moved(1.1 * frame.points))
+    with pytest.raises(OutputError, match="/cube: a point is beyond the range of float16"):
+        write(original, replace(original, meshes=(mesh,)), tmp_path / "o.usda")
+    assert not (tmp_path / "o.usda").exists()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_box_that_single_precision_does_not_hold_is_as_large_as_it_can_be(tmp_path: Path) -> None:
+    statement = points("double3", 3e38 * CUBE_POINTS.astype(float))
+    original = read_stage(write_text(tmp_path / "a.usda", cube(points=statement)))
+    mesh = original.meshes[0].map(lambda frame: frame.moved(1.2 * frame.points))
+    write_override(original, replace(original, meshes=(mesh,)), tmp_path / "o.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    box = stage.GetAttributeAtPath("/cube.extent").Get()
+    assert np.abs(box).max() == np.finfo(np.float32).max

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.checks import measurable
+from meshmark.mesh.precision import stored
 from meshmark.mesh.topology import Topology
 
 ByteArray = NDArray[np.uint8]
@@ -132,12 +133,17 @@ class ObjText:
         """Return the file with other positions, in as many digits as float32 needs.
 
         A coordinate that equals what the file says keeps its text; so does everything else.
+
+        Raises
+        ------
+        OutputError
+            If a point is not finite, or beyond what float32 holds; the caller adds where.
         """
         changed = (self.points() != V).ravel()
         if not changed.any():
             return self.data
         starts, ends = (place[changed] for place in self._coordinate_places)
-        words = V.astype(np.float32).ravel()[changed].astype("S")
+        words = stored(V, np.float32).ravel()[changed].astype("S")
         return _splice(np.frombuffer(self.data, dtype=np.uint8), starts, ends, words)
 
     @cached_property

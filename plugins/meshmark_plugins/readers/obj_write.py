@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
@@ -14,6 +15,7 @@ from meshmark.files.atomic import beside
 from meshmark.files.reading import opened
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.precision import stored
 from meshmark.mesh.topology import Topology
 from meshmark_plugins.readers.obj_files import FrameFiles, find_frames
 from meshmark_plugins.readers.obj_text import ObjText
@@ -40,7 +42,8 @@ def write_marked(marked: Asset, original: Asset, output: Path) -> None:
     Raises
     ------
     OutputError
-        If the output cannot be written, or is a folder that holds something already.
+        If the output cannot be written, or is a folder that holds something already; if a point
+        is not finite, or beyond what float32 holds.
     UsageError
         If an .obj file is asked for several frames, or the copy's vertices or times are not
         the original's.
@@ -77,7 +80,8 @@ def write_new(asset: Asset, output: Path) -> None:
     Raises
     ------
     OutputError
-        If the output cannot be written, or is a folder that holds something already.
+        If the output cannot be written, or is a folder that holds something already; if a point
+        is not finite, or beyond what float32 holds.
     UsageError
         If the meshes have different times, or an .obj file is asked for several frames.
     """
@@ -131,7 +135,10 @@ def _with_points(data: bytes, frame: Frame, path: Path) -> bytes:
             source=path,
             time=frame.time,
         )
-    return text.with_points(frame.points)
+    try:
+        return text.with_points(frame.points)
+    except OutputError as error:
+        raise OutputError(error.message, source=path, time=frame.time) from None
 
 
 def _read(path: Path) -> bytes:
@@ -161,13 +168,14 @@ def _frame_text(asset: Asset, index: int) -> bytes:
         frame = mesh[index]
         if len(asset.meshes) > 1:
             parts.append(f"o {mesh.prim}\n")
-        parts += [_vertex_lines(frame.points), _face_lines(frame.topology, offset)]
+        V = stored(frame.points, np.float32, source=mesh.origin, prim=mesh.prim, time=frame.time)
+        parts += [_vertex_lines(V), _face_lines(frame.topology, offset)]
         offset += len(frame.points)
     return "".join(parts).encode()
 
 
-def _vertex_lines(V: FloatArray) -> str:
-    words = V.astype(np.float32).ravel().astype("U").tolist()
+def _vertex_lines(V: NDArray[np.floating]) -> str:
+    words = V.ravel().astype("U").tolist()
     return ("v %s %s %s\n" * len(V)) % tuple(words)
 
 

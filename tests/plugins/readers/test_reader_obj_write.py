@@ -75,6 +75,20 @@ def test_writing_refuses_what_it_cannot_do(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
+@pytest.mark.filterwarnings("error")
+def test_points_that_single_precision_does_not_hold_are_not_written(tmp_path):
+    source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
+    original = ObjFrames().read(str(source))
+    mesh = original.meshes[0].map(lambda frame: frame.moved(frame.points + 1e39))
+    far = replace(original, meshes=(mesh,))
+    refusal = "frame 1: a point is beyond the range of float32"
+    with pytest.raises(OutputError, match=refusal):
+        ObjFrames().write(far, original, tmp_path / "out")
+    with pytest.raises(OutputError, match=refusal):
+        write_new(far, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
 def test_a_failure_half_way_leaves_nothing(tmp_path):
     source = write_files(tmp_path / "in", {"1.obj": triangle(), "2.obj": triangle()})
     original = ObjFrames().read(str(source))
