@@ -8,6 +8,14 @@ from meshmark.arrays import FloatArray
 
 # The centre of a cloud (3,), and three axes (3, 3).
 Frame = tuple[FloatArray, FloatArray]
+# Sums of squares of larger numbers leave the range of double precision.
+LARGEST = 1e140
+
+
+def computable(values: FloatArray) -> bool:
+    """Tell whether all values are finite, and small enough for sums of their squares."""
+    # False for what is not a number, too.
+    return bool((np.abs(values) <= LARGEST).all())
 
 
 def fit(P: FloatArray, X: FloatArray) -> tuple[FloatArray, FloatArray]:

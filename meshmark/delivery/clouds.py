@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray
-from meshmark.delivery.affine import Frame, fit, frames_of, inverse, relative, with_ones
+from meshmark.delivery.affine import Frame, computable, fit, frames_of, inverse, relative, with_ones
 from meshmark.delivery.copies import MIN_POINTS, TOLERANCE, Match, Pose, Shape
 
 # This part of the smaller of two clouds must be paired.
@@ -49,7 +49,7 @@ def find_cloud(
     Match or None
         Of all three columns.
     """
-    if not shape.times or shape.n_points < MIN_POINTS or not np.isfinite(cloud).all():
+    if not shape.times or shape.n_points < MIN_POINTS or not computable(cloud):
         return None
     distinct = np.unique(cloud, axis=0)
     if len(distinct) < MIN_POINTS or _on_a_sphere(distinct):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.delivery.affine import Frame, fit, frames_of, relative, with_ones
+from meshmark.delivery.affine import Frame, computable, fit, frames_of, relative, with_ones
 
 # A copy lies this close to the shape, relative to its diagonal: marks are finer than that.
 TOLERANCE = 1e-3
@@ -185,7 +185,7 @@ def find_in_order(
     hint : float
         Time the numbers are given at.
     """
-    if not shape.times or not np.isfinite(values).all():
+    if not shape.times or not computable(values):
         return
     spread = np.ptp(values, axis=0) > 1e-12 * np.abs(values).max(axis=0, initial=0)
     columns = np.flatnonzero(spread)

@@ -178,13 +178,19 @@ def _rounding(copy: Copy, dtype: np.dtype[Any]) -> float:
     step = np.ones_like(values)
     if dtype.kind == "f":
         # The points of meshes are single precision, and so are copies that are stored in more.
-        kept = values.astype(np.float16 if dtype == np.float16 else np.float32)
-        step = np.spacing(np.abs(kept)).astype(np.float64)
+        step = _spacing(values, np.float16 if dtype == np.float16 else np.float32)
     gain = np.linalg.norm(copy.match.matrix[:3], axis=0)
     size = np.abs(values).max(axis=0) / gain
-    own = np.spacing(size.max().astype(np.float32))
+    own = float(_spacing(size.max(), np.float32))
     left = np.sqrt(np.mean(step**2, axis=0)) / gain
     return float(ROUNDING * (left.max() + own) / copy.match.diagonal / np.sqrt(12))
+
+
+def _spacing(values: FloatArray, dtype: type[np.floating]) -> FloatArray:
+    """Return the distances between neighbouring numbers of a type, as if it had no largest one."""
+    about = np.finfo(dtype)
+    exponent = np.where(values == 0.0, about.minexp, np.frexp(values)[1] - 1)
+    return np.ldexp(float(about.eps), np.maximum(exponent, about.minexp))
 
 
 def _residual(copy: Copy, points: FloatArray) -> float:

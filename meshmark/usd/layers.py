@@ -99,6 +99,18 @@ def set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, value: Any) -> None
         layer.SetTimeSample(path, time, value)
 
 
+def set_field(spec: Sdf.Spec, key: str, value: Any) -> None:
+    """Give a prim, property or layer metadata; if it is not of the field's type, take that out.
+
+    A binary layer can hold such values, and so can text, where each may be a path. USD itself
+    makes nothing of them.
+    """
+    try:
+        spec.SetInfo(key, value)
+    except TypeError:
+        spec.ClearInfo(key)
+
+
 def vector_array(vectors: NDArray[np.floating]) -> Any:
     """Copy (N, 3) half, single or double precision into USD's own array of that type."""
     return VECTOR_ARRAYS[vectors.dtype.type].FromNumpy(np.ascontiguousarray(vectors))
@@ -106,7 +118,9 @@ def vector_array(vectors: NDArray[np.floating]) -> Any:
 
 def extent(points: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return the corners of the bounding box of (N, 3) points, (2, 3)."""
-    return np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
+    most = np.finfo(np.float32).max
+    corners = np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float64)
+    return corners.clip(-most, most).astype(np.float32)
 
 
 @contextmanager
@@ -196,4 +210,4 @@ def copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:
     """Copy what the source authors of the metadata that counts in a root layer only."""
     for name in STAGE_METADATA:
         if source.pseudoRoot.HasInfo(name):
-            target.pseudoRoot.SetInfo(name, source.pseudoRoot.GetInfo(name))
+            set_field(target.pseudoRoot, name, source.pseudoRoot.GetInfo(name))

@@ -9,7 +9,7 @@ from typing import Any
 
 from pxr import Sdf, Usd, Vt
 
-from meshmark.usd.layers import set_value, value_at
+from meshmark.usd.layers import set_field, set_value, value_at
 
 TERMS = re.compile(r"copyright|©|\(c\)|licen[cs]|terms[ _-]?of|all rights", re.I)
 PERSONAL = re.compile(
@@ -139,7 +139,7 @@ def _strip_field(spec: Sdf.Spec, key: str, value: Any, layer: Sdf.Layer, tell: T
             return
     kept = shortened(kept, layer, where, tell)
     if kept != value:
-        spec.SetInfo(key, kept)
+        set_field(spec, key, kept)
 
 
 def _terms(data: Any, where: str, tell: Tell) -> Iterator[tuple[str, Any]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Vt
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.usd.layers import set_value, value_at
+from meshmark.usd.layers import set_field, set_value, value_at
 from meshmark.usd.metadata import fields_of, paths_of
 
 Numbers = NDArray[Any]
@@ -116,7 +116,7 @@ def _rewrite_metadata(layer: Sdf.Layer, path: Sdf.Path, look: Look) -> set[Found
         before = len(found)
         new = rewritten(value, field)
         if len(found) > before:
-            spec.SetInfo(field, new)
+            set_field(spec, field, new)
     return found
 
 
@@ -192,10 +192,10 @@ def readings(array: Numbers) -> Iterator[tuple[Numbers, Back]]:
 
 
 def _cast(values: FloatArray, dtype: np.dtype[Any]) -> Numbers:
-    if dtype.kind in "iu":
-        limits = np.iinfo(dtype)
-        return np.rint(values).clip(limits.min, limits.max).astype(dtype)
-    return values.astype(dtype)
+    whole = dtype.kind in "iu"
+    limits = np.iinfo(dtype) if whole else np.finfo(dtype)
+    rounded = np.rint(values) if whole else values
+    return rounded.clip(limits.min, limits.max).astype(dtype)
 
 
 def views(

@@ -12,7 +12,8 @@ from test_usd_traces import BODY, POINTS, T, stage_of, vec3f
 from meshmark.usd.checking import Finding, check_stage
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
-from usd_stages import cube, moved
+from meshmark.usd.writing import write_override
+from usd_stages import cube, moved, write_text
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -99,3 +100,55 @@ def test_points_of_another_type_beside_an_extent(tmp_path: Path, kind: str) -> N
     other.CreateAttribute("points", declared).Set(values)
     other.CreateAttribute("extent", T.Float3Array).Set(vec3f(POINTS[:2]))
     assert_copy_is_moved(stage, "/World/other.points")
+
+
+# Of what a text layer takes a path for, whatever the field.
+ROOT_ONLY = ("colorConfiguration", "defaultPrim", "expressionVariables", "startTimeCode")
+
+
+@pytest.mark.parametrize("field", ROOT_ONLY)
+def test_a_layer_over_it_goes_without(tmp_path: Path, field: str) -> None:
+    source = write_text(tmp_path / "s.usda", cube("m"), f"{field} = </m>")
+    original = read_stage(source)
+    output = tmp_path / "o.usda"
+    write_override(original, moved(original), output)
+    assert not Sdf.Layer.FindOrOpen(str(output)).pseudoRoot.HasInfo(field)
+    assert len(read_stage(str(output)).meshes) == 1
+
+
+def with_field_renamed(source: Path, old: str, new: str) -> str:
+    content = source.read_bytes()
+    assert len(old) == len(new)
+    assert content.count(old.encode()) == 1
+    changed = source.with_name("changed.usdc")
+    changed.write_bytes(content.replace(old.encode(), new.encode()))
+    return str(changed)
+
+
+def test_a_path_in_them_is_found(tmp_path: Path) -> None:
+    look = 'token look (allowedTokens = ["C:/shows/secret/look.tx"])'
+    text = write_text(tmp_path / "s.usda", cube("m", more=look))
+    Sdf.Layer.OpenAsAnonymous(text).Export(str(tmp_path / "s.usdc"))
+    changed = with_field_renamed(tmp_path / "s.usdc", "allowedTokens", "symmetricPeer")
+    assert check_stage(changed) == [Finding("metadata", "/m.look", "symmetricPeer: a path")]
+
+
+def test_points_in_them_are_found(tmp_path: Path) -> None:
+    stage = stage_of(tmp_path / "s.usdc")
+    near = POINTS + np.random.default_rng(0).normal(scale=1e-4, size=POINTS.shape)
+    stage.GetPrimAtPath(BODY).SetCustomDataByKey("rest", vec3f(near))
+    stage.Save()
+    changed = with_field_renamed(tmp_path / "s.usdc", "customData", "permission")
+    assert [each.where for each in check_stage(changed)] == [f"{BODY} permission:rest"]
+
+
+@pytest.mark.parametrize(("size", "found"), [(1e60, True), (1e300, False)])
+def test_a_copy_beyond_single_precision(tmp_path: Path, size: float, found: bool) -> None:
+    # Squares of 1e300 are beyond double precision, too: such a copy may be missed, in silence.
+    stage = stage_of(tmp_path / "s.usda")
+    near = POINTS + np.random.default_rng(0).normal(scale=1e-3, size=POINTS.shape)
+    rest = stage.GetPrimAtPath(BODY).CreateAttribute("primvars:rest", T.Double3Array)
+    rest.Set(Vt.Vec3dArray.FromNumpy(size * near))
+    stage.Save()
+    where = [each.where for each in check_stage(str(tmp_path / "s.usda"))]
+    assert where == ([f"{BODY}.primvars:rest"] if found else [])
