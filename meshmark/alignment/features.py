@@ -64,7 +64,7 @@ def by_features(
     originals = [_features(samples.points[at], samples.normals[at], radius) for at in poses]
     own_area = float(face_areas(frame.points, frame.faces).sum())
     own_edge = edge_length(frame.points, frame.faces)
-    scales = [1.0, edge / own_edge, *(np.sqrt(share * area / own_area) for share in SHARES)]
+    scales = [edge / own_edge, 1.0, *(np.sqrt(share * area / own_area) for share in SHARES)]
     for scale in _distinct(scales):
         # As dense as those of the original: features depend on it.
         n = int(np.clip(len(samples.points[0]) * own_area * scale**2 / area, *POINTS))

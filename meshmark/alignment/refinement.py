@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.alignment.matching import Match, Matcher
-from meshmark.alignment.robust import peak_scale, scale_of, tukey
+from meshmark.alignment.robust import scale_of, tukey
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
 
@@ -166,9 +166,7 @@ class Refinement:
         across = (gap * n).sum(axis=1)
         distance = lengths(gap)
         within = distance < self._reach
-        # From afar, half of the vertices lead the way; near the goal, those that are there do.
-        estimate = scale_of if np.isinf(self._reach) else peak_scale
-        scale = estimate(distance[within]) if within.any() else self._reach
+        scale = scale_of(distance[within]) if within.any() else self._reach
         w = tukey(distance, max(scale, EXACT)) * (agree & within)
         J = np.column_stack(
             [np.cross(y, n), (y * n).sum(axis=1), n, -(match.motion * n).sum(axis=1)]

@@ -15,11 +15,6 @@ def scale_of(residuals: FloatArray) -> float:
     return 1.4826 * float(np.median(np.abs(residuals)))
 
 
-def peak_scale(residuals: FloatArray) -> float:
-    """Estimate the standard deviation of the quarter that is smallest, as if all were like it."""
-    return float(np.quantile(np.abs(residuals), 0.25)) / 0.3186
-
-
 def tukey(residuals: FloatArray, scale: float) -> FloatArray:
     """Compute Tukey's biweight of residuals (n,): 1 at none, 0 beyond `TUKEY` scales."""
     return np.clip(1.0 - (residuals / (TUKEY * scale)) ** 2, 0.0, None) ** 2

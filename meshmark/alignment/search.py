@@ -19,11 +19,10 @@ from meshmark.alignment.placement import FramePlacement
 from meshmark.alignment.pose_samples import spread
 from meshmark.alignment.procrustes import robust_similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
-from meshmark.alignment.robust import TUKEY, peak_scale
+from meshmark.alignment.robust import TUKEY, scale_of
 from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.closest_points import sample_surface
 from meshmark.mesh.geometry import edge_length, face_areas
 
 IDENTITY, PCA, FEATURES = "identity", "pca", "features"
@@ -73,7 +72,7 @@ class Fit:
     covered : float
         Share of the original's area that has vertices on it.
     extent : float
-        Diagonal of these vertices, as a share of the original's.
+        Diagonal of these vertices, as a share of the original's; in rough fits, of all.
     slip : float
         See `meshmark.alignment.matching.Match.slip`; 0 for vertices that are not paired.
     """
@@ -90,7 +89,7 @@ class Fit:
         """Root mean square distance of the vertices that belong there, but the farthest tenth."""
         within = np.sort(self.distances[self.distances < NEAR])
         if within.size:
-            within = within[within <= TUKEY * max(peak_scale(within), ROUNDING)]
+            within = within[within <= TUKEY * max(scale_of(within), ROUNDING)]
         within = within[: max(1, round(KEPT * len(within)))]
         return float(np.sqrt((within**2).mean())) if within.size else np.inf
 
@@ -110,8 +109,12 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """Mean distance, where whatever is not near counts as far."""
-        return float(np.minimum(self.distances, REACH).mean())
+        """Mean distance, where whatever is not near counts as far, in diagonals of the copy.
+
+        Else, the best placement would be one that shrinks the copy to a point.
+        """
+        size = min(1.0, max(self.extent, ROUNDING))
+        return float(np.minimum(self.distances, REACH).mean()) / size
 
 
 class Search:
@@ -199,9 +202,10 @@ class Search:
     def near(self, frame: CopyFrame, start: Placement) -> Fit:
         """Place a frame whose similarity, but not its pose, is about that of another."""
         samples = self._original.samples
-        P = sample_surface(frame.points, frame.faces, ROUGH, np.random.default_rng(0))
-        pose = float(samples.poses[samples.nearest(start(P))])
-        rough = self._rough(frame, Placement(start.A, pose), REACH)
+        # Vertices: a large plane that was joined has much area, but few of them.
+        some = frame.some(ROUGH)
+        pose = float(samples.poses[samples.nearest(start(some.points))])
+        rough = self._rough(some, Placement(start.A, pose), REACH)
         return self._exact(frame, rough.placement)
 
     def _by_identity(self, frame: CopyFrame) -> Fit | None:
@@ -286,7 +290,8 @@ class Search:
 
     def _rough_fit(self, some: CopyFrame, placement: Placement) -> Fit:
         rest = self._refinement(some, _Closest(self._original), np.inf).rest(placement)
-        return Fit(placement, rest.distances)
+        extent = np.linalg.norm(np.ptp(placement(some.points), axis=0)) / self._original.diagonal
+        return Fit(placement, rest.distances, extent=float(extent))
 
     def _exact(self, frame: CopyFrame, start: Placement) -> Fit:
         at = _Closest(self._original)
@@ -419,8 +424,8 @@ def _misfit(fit: Fit) -> float:
 
 
 def _shortfall(fit: Fit) -> str:
-    if not np.isfinite(fit.residual):
-        return "nothing of the copy lies on the original"
+    if fit.covered < LEAST:
+        return "the copy lies nowhere on the original"
     return (
         f"at best {fit.near:.0%} of the copy lie on {fit.covered:.0%} of the original, "
         f"{fit.residual:.2%} of its diagonal away"

@@ -1,0 +1,68 @@
+"""Alignment of what attacks make of a galloping horse and a cow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from alignment_shapes import errors, mapped, similarity
+from meshmark.alignment.align import align_mesh
+from meshmark.errors import AlignmentError
+from meshmark.extension.registry import make_attack
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.sources.reading import read
+
+
+@pytest.fixture(scope="module")
+def cow(data_folder: Path) -> MeshAnimation:
+    return read(str(data_folder / "pcow.usdc")).meshes[0]
+
+
+@pytest.fixture(scope="module")
+def horse(data_folder: Path) -> MeshAnimation:
+    return read(str(data_folder / "horse-gallop.usdc")).meshes[0]
+
+
+def attacked(mesh: MeshAnimation, name: str, **parameters: Any) -> MeshAnimation:
+    """Attack and move two frames, and keep them in memory."""
+    rng = np.random.default_rng(1)
+    copy = make_attack(name, **parameters).apply(mesh.select([7, 21]), rng)
+    A = similarity(5)
+    return MeshAnimation.from_frames([frame.moved(mapped(A, frame.points)) for frame in copy])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "method", "bound"),
+    [
+        ("noise", {"amplitude": 0.005}, "identity", 1e-4),
+        ("jitter", {}, "identity", 1e-5),
+        ("reorder", {}, "pca", 1e-6),
+        ("simplification", {"ratio": 0.9, "per": "frame"}, "pca", 2e-4),
+        ("joining", {"thing": "ground"}, "pca", 1e-6),
+    ],
+)
+def test_copies_of_a_cow_are_placed(
+    cow: MeshAnimation, name: str, parameters: dict[str, Any], method: str, bound: float
+) -> None:
+    copy = attacked(cow, name, **parameters)
+    found = align_mesh(copy, cow, [0, 1])
+    assert found.method == method
+    # What the maps of two frames make of the first pose.
+    assert errors(found, similarity(5)).max() < bound
+    np.testing.assert_allclose([frame.pose for frame in found.frames], [7.0, 21.0], atol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+def test_cropped_copies_are_placed(horse: MeshAnimation, share: float) -> None:
+    found = align_mesh(attacked(horse, "cropping", share=share), horse, [0, 1])
+    assert errors(found, similarity(5)).max() < 1e-5
+
+
+@pytest.mark.slow
+def test_another_animal_is_refused(cow: MeshAnimation, horse: MeshAnimation) -> None:
+    with pytest.raises(AlignmentError):
+        align_mesh(horse, cow, [0])
