@@ -5,8 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from random import Random
 
 import pytest
+
+from fuzz.texts import LONGEST, _lengthen
 
 HERE = Path(__file__).parent
 
@@ -34,6 +37,13 @@ def test_a_few_inputs_of_every_kind() -> None:
     assert_clean(done, 100)
     for kind in ("usda", "usdc", "usdz", "obj", "evidence", "key", "names", "manifest"):
         assert f"{kind} " in done.stdout
+
+
+def test_a_word_lengthened_again_and_again_fits_into_memory() -> None:
+    data, rng = b"a", Random(0)
+    for _ in range(8):
+        data = _lengthen(data, rng, ())
+    assert LONGEST // 2 < len(data) <= LONGEST
 
 
 @pytest.mark.slow

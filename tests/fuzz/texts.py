@@ -40,6 +40,7 @@ LETTERS = bytes([*range(65, 91), *range(97, 123), 95])
 QUOTES = b'@<"'
 VISIBLE = bytes(range(33, 256))
 LONG = 5000
+LONGEST = 1 << 24  # characters of a word that was lengthened again and again
 
 
 def words_of(text: str) -> list[bytes]:
@@ -213,7 +214,8 @@ def _lengthen(data: bytes, rng: Random, words: Sequence[bytes]) -> bytes:
     tokens = _tokens(data)
     at = _some(tokens, rng, LETTERS + DIGITS)
     if at is not None:
-        tokens[at] = tokens[at] * rng.choice((2, 300, LONG))
+        times = rng.choice((2, 300, LONG))
+        tokens[at] *= min(times, max(1, LONGEST // len(tokens[at])))
     return b"".join(tokens)
 
 
