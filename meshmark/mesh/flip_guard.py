@@ -39,15 +39,25 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
 
 
 def allowed_shares(
-    V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
+    V: FloatArray,
+    moved: FloatArray,
+    F: IntArray,
+    reach: float = REACH,
+    least_cosine: float = LEAST_COSINE,
 ) -> FloatArray:
-    """Share of its move that `restrain` leaves each vertex, (N,) float64 in [0, 1]."""
+    """Share of its move that `restrain` leaves each vertex, (N,) float64 in [0, 1].
+
+    Parameters
+    ----------
+    least_cosine : float
+        Of the angle by which a face may turn.
+    """
     share = np.ones(len(V))
     if np.isfinite(reach):
         length = lengths(moved - V)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
-    tilts = _Tilts(V, moved, F)
+    tilts = _Tilts(V, moved, F, least_cosine)
     suspects = np.arange(len(F))
     for _ in range(HALVINGS):
         corners = tilts.offending_corners(share, suspects)
@@ -64,8 +74,9 @@ def allowed_shares(
 class _Tilts:
     """Tells which faces tilt too far; asked of few faces once most are known not to."""
 
-    def __init__(self, V: FloatArray, moved: FloatArray, F: IntArray) -> None:
+    def __init__(self, V: FloatArray, moved: FloatArray, F: IntArray, least_cosine: float) -> None:
         self._V, self._move, self._F = V, moved - V, F
+        self._least_cosine = least_cosine
         self._moved = lengths(self._move) > 0.0
         self._before = face_normals(V, F)
         self._length = lengths(self._before)
@@ -77,7 +88,7 @@ class _Tilts:
         after = normals_of(*(self._V[i] + share[i, None] * self._move[i] for i in F.T))
         dot = np.einsum("ij,ij->i", self._before[faces], after)
         size = self._length[faces] * lengths(after)
-        return np.unique(F[dot < LEAST_COSINE * size])
+        return np.unique(F[dot < self._least_cosine * size])
 
 
 def _faces_of(vertices: IntArray, F: IntArray, n_points: int) -> IntArray:

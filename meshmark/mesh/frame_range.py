@@ -46,6 +46,11 @@ def frames_in(animation: MeshAnimation, text: str | None) -> tuple[int, ...]:
     return tuple(int(i) for i in inside)
 
 
+def spread(n_frames: int, most: int) -> list[int]:
+    """Choose at most so many frames, evenly spaced, the first and the last included."""
+    return sorted({*np.linspace(0, n_frames - 1, min(most, n_frames)).round().astype(int).tolist()})
+
+
 def has_frame_in(animation: MeshAnimation, text: str | None) -> bool:
     """Tell whether an animation has a frame in a range; see `frames_in`."""
     try:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from meshmark.mesh.geometry import face_areas, vertex_areas
-from meshmark.testing.meshes import icosphere, plane, revolution, torus
-from meshmark_plugins.schemes.apex.chips.whitening import inverse_density
-from meshmark_plugins.schemes.apex.linear_algebra.laplacian import (
+from meshmark.mesh.laplacian import (
     MAX_COTANGENT,
     cotangent_weights,
     stiffness_matrix,
 )
+from meshmark.testing.meshes import icosphere, plane, revolution, torus
+from meshmark_plugins.schemes.apex.chips.whitening import inverse_density
 
 K, WIDTH = 14, 0.045
 

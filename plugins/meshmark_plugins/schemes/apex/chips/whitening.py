@@ -7,12 +7,12 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
-from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
-from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
-from meshmark_plugins.schemes.apex.linear_algebra.laplacian import (
+from meshmark.mesh.laplacian import (
     cotangent_weights,
     stiffness_matrix,
 )
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 CG_ITERATIONS = 60
 CG_TOLERANCE = 1e-7

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
-from meshmark_plugins.schemes.apex.linear_algebra.laplacian import stiffness_matrix
+from meshmark.mesh.laplacian import stiffness_matrix
 
 # Weight of stretching beside moving, for stretches over a bin.
 STRETCHING_WEIGHT = 3.0
