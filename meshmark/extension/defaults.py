@@ -3,5 +3,7 @@
 from __future__ import annotations
 
 DEFAULT_SCHEME = "apex"
+# What `embed` lays upon each other: found by itself, and beside the original.
+DEFAULT_LAYERS = ("apex", "relief")
 DEFAULT_SEGMENTER = "sdf"
 DEFAULT_GEODESIC = "heat"

@@ -102,16 +102,19 @@ class GeodesicSolverRecord(PluginRecord):
 
 @dataclass(frozen=True)
 class SchemeRecord(PluginRecord):
-    """Offers a `Scheme` or a `BinnedScheme`.
+    """Offers a `Scheme`, a `BinnedScheme` or an `InformedScheme`.
 
     Parameters
     ----------
     needs : tuple of str
         Which of `HELPERS` the factory takes as keywords, beside its parameters: `segmenter`, a
         `Segmenter`, and `solver`, a callable (V, F) -> `GeodesicSolver`.
+    informed : bool
+        Whether it is an `InformedScheme`, which reads a copy against its original.
     """
 
     needs: tuple[str, ...] = HELPERS
+    informed: bool = False
 
 
 class AttackRecord(PluginRecord):

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
+
+import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.extension.binned_scheme import as_scheme
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import (
+    DEFAULT_GEODESIC,
+    DEFAULT_LAYERS,
+    DEFAULT_SCHEME,
+    DEFAULT_SEGMENTER,
+)
 from meshmark.extension.hookspecs import SchemeRecord
-from meshmark.extension.interfaces import GeodesicSolver, Scheme, Segmenter
+from meshmark.extension.interfaces import GeodesicSolver, Segmenter
 from meshmark.extension.parameters import name_and_value
 from meshmark.extension.registry import (
     RegisteredPlugin,
@@ -78,14 +85,29 @@ class Recipe:
             plugins.find("geodesic", self.geodesic),
         )
 
-    def build(self) -> Scheme:
-        """Make the scheme, with the segmenter and the solver if it needs them."""
+    @property
+    def informed(self) -> bool:
+        """Whether the scheme reads a copy against its original."""
+        return cast(SchemeRecord, catalogue().find("scheme", self.scheme).record).informed
+
+    def parameter(self, name: str) -> Any:
+        """Return a parameter of the scheme; None if it has none of that name."""
+        defaults = catalogue().find("scheme", self.scheme).record.parameters
+        return self.settings.get(self.scheme, {}).get(name, defaults.get(name))
+
+    def with_parameter(self, name: str, value: Any) -> Recipe:
+        """Return it with another value of a parameter of the scheme."""
+        own = {**self.settings.get(self.scheme, {}), name: value}
+        return replace(self, settings={**self.settings, self.scheme: own})
+
+    def build(self) -> Any:
+        """Make the `Scheme` or `InformedScheme`, with a segmenter and a solver if it needs them."""
         if self.settings.get(self.segmenter):
             # An impossible value is refused, whether or not the scheme needs a segmenter.
             self.build_segmenter()
         offer = catalogue().find("scheme", self.scheme)
         made = offer.make(**self.build_helpers(), **self.settings.get(self.scheme, {}))
-        return as_scheme(made)
+        return made if self.informed else as_scheme(made)
 
     def build_helpers(self) -> dict[str, Any]:
         """Make what the scheme's record says that its factory needs."""
@@ -157,6 +179,42 @@ def recipe_from_text(
     return Recipe(scheme, segmenter, geodesic, converted)
 
 
+def layers_from_text(
+    schemes: Sequence[str],
+    segmenter: str = DEFAULT_SEGMENTER,
+    geodesic: str = DEFAULT_GEODESIC,
+    settings: Sequence[str] = (),
+    *,
+    strength: float | None = None,
+    max_mrms: float | None = None,
+) -> tuple[Recipe, ...]:
+    """Build the layers of a mark from what was typed.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        `NAME=VALUE` for the first scheme, or `PLUGIN.NAME=VALUE` for whichever has it.
+    strength, max_mrms : float, optional
+        Of the first scheme; of all layers together, see `within_mrms`.
+
+    Raises
+    ------
+    UsageError
+        As `recipe_from_text` and `in_order` raise it.
+    """
+    first, *others = schemes
+    theirs = [text for text in settings if text.partition("=")[0].rpartition(".")[0] in others]
+    rest = [text for text in settings if text not in theirs]
+    alone = {"strength": strength, "max_mrms": None if others else max_mrms}
+    layers = [recipe_from_text(first, segmenter, geodesic, rest, alone)]
+    for name in others:
+        own = [text for text in theirs if text.startswith(f"{name}.")]
+        layers.append(recipe_from_text(name, segmenter, geodesic, own))
+    if not others:
+        return in_order(layers)
+    return within_mrms(in_order(layers), max_mrms)
+
+
 def convert(offer: RegisteredPlugin, name: str, text: str) -> Any:
     """Turn typed text into a value of the type of the parameter's default."""
     default = offer.record.parameters.get(name)
@@ -176,9 +234,64 @@ def convert(offer: RegisteredPlugin, name: str, text: str) -> Any:
     return text
 
 
+def in_order(recipe: Recipe | Sequence[Recipe] | None) -> tuple[Recipe, ...]:
+    """List the layers of a mark, blind ones first; `default_layers` for None.
+
+    Raises
+    ------
+    UsageError
+        If there is none, or one scheme twice.
+    """
+    if recipe is None:
+        return default_layers()
+    layers = (recipe,) if isinstance(recipe, Recipe) else tuple(recipe)
+    names = [layer.scheme for layer in layers]
+    if not names or len(set(names)) < len(names):
+        raise UsageError("a mark has one or several layers, each by a scheme of its own")
+    return tuple(sorted(layers, key=lambda layer: layer.informed))
+
+
+def default_layers() -> tuple[Recipe, ...]:
+    """Return the layers of a mark where nobody says otherwise, within one limit to distortion."""
+    return within_mrms([Recipe(name) for name in DEFAULT_LAYERS])
+
+
+def within_mrms(layers: Sequence[Recipe], max_mrms: float | None = None) -> tuple[Recipe, ...]:
+    """Share a limit to the distortion among layers, in proportion to their own.
+
+    Parameters
+    ----------
+    max_mrms : float, optional
+        For all together; by default the first layer's own. Moves of different layers have nothing
+        to do with each other, so that the squares sum up.
+
+    Raises
+    ------
+    UsageError
+        If a layer has no such limit, although one is asked for.
+    """
+    limits = [layer.parameter("max_mrms") for layer in layers]
+    if None in limits:
+        if max_mrms is None:
+            return tuple(layers)
+        name = layers[limits.index(None)].scheme
+        raise UsageError(f"scheme {name} has no limit to the distortion")
+    total = float(np.sqrt(sum(limit**2 for limit in limits)))
+    share = (limits[0] if max_mrms is None else max_mrms) / total
+    return tuple(
+        layer.with_parameter("max_mrms", share * limit)
+        for layer, limit in zip(layers, limits, strict=True)
+    )
+
+
 def all_schemes() -> tuple[Recipe, ...]:
     """Return a recipe for each scheme there is, with its default parameters."""
     return tuple(Recipe(name, DEFAULT_SEGMENTER, DEFAULT_GEODESIC) for name in scheme_names())
+
+
+def blind_schemes() -> tuple[Recipe, ...]:
+    """Return a recipe for each scheme that reads a copy alone."""
+    return tuple(recipe for recipe in all_schemes() if not recipe.informed)
 
 
 def scheme_names() -> tuple[str, ...]:

@@ -1,0 +1,138 @@
+"""Schemes that read a copy beside its original: what they get, and what they must do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from meshmark.arrays import BoolArray, FloatArray, SignArray
+from meshmark.errors import CapacityError
+from meshmark.extension.carrier import Observation
+from meshmark.extension.interfaces import MarkingPlan
+from meshmark.keys import Key
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.welding import Welding
+
+
+@dataclass(frozen=True, eq=False)
+class AlignedFrame:
+    """One frame of a copy in the space of its reference.
+
+    Parameters
+    ----------
+    reference : Frame
+        The original, or the master, in the copy's pose: N vertices as analysis sees them.
+    motion : (N, 3) float64
+        Its velocity, per frame; 0 where it does not move.
+    points : (n, 3) float64
+        The copy's vertices.
+    normals : (n, 3) float64
+        Their unit normals.
+    """
+
+    reference: Frame
+    motion: FloatArray
+    points: FloatArray
+    normals: FloatArray
+
+
+class InformedLayout(Protocol):
+    """Where an informed scheme puts its chips on one original.
+
+    Chips that are not the owner's in every copy hold a recipient's word, if there is one.
+    """
+
+    @property
+    def n_chips(self) -> int:
+        """K."""
+        ...
+
+    @property
+    def owner(self) -> BoolArray:
+        """Which chips hold the owner's word, whoever the copy is for."""
+        ...
+
+
+@runtime_checkable
+class InformedScheme(Protocol):
+    """Marks any mesh, and reads a copy against the original. No key is involved but in `plan`."""
+
+    def layout(self, original: Frame) -> Any:
+        """Lay out the chips on a frame of the original, as analysis sees it.
+
+        The same for the same frame, always: it is made when marking, and again when reading.
+
+        Returns
+        -------
+        InformedLayout
+
+        Raises
+        ------
+        CapacityError
+            If the mesh is too small.
+        """
+        ...
+
+    def plan(
+        self, animation: MeshAnimation, layout: Any, signs: SignArray, *, jobs: int
+    ) -> MarkingPlan:
+        """Decide how all frames of an animation, as analysis sees them, are to be marked.
+
+        Parameters
+        ----------
+        signs : (K,) int
+            One of +1 and -1 for each chip.
+        """
+        ...
+
+    def treatment(self, views: Sequence[AlignedFrame], layout: Any) -> Any:
+        """Find out from one frame what a program did to the copy's surface; it must pickle.
+
+        Parameters
+        ----------
+        views : sequence of AlignedFrame
+            The frame under each map that may lay it upon its reference.
+        """
+        ...
+
+    def observe(self, view: AlignedFrame, layout: Any, treatment: Any) -> Observation:
+        """Estimate the chips of a copy's frame: evidence (R, 1, K) under R hypotheses.
+
+        Parameters
+        ----------
+        treatment
+            What `treatment` found out from one of the copy's frames.
+        """
+        ...
+
+
+def signs_of(
+    key: Key, scheme_name: str, layout: InformedLayout, recipient: str | None
+) -> SignArray:
+    """Derive the sign of each chip, (K,) int8: the owner's, and the recipient's if there is one."""
+    names = (None,) if recipient is None else (None, recipient)
+    words = key.words_of(scheme_name, 1, layout.n_chips, names)[:, 0]
+    return np.where(layout.owner, words[0], words[-1])
+
+
+def layout_frame(original: MeshAnimation) -> tuple[Welding, Frame]:
+    """Return the frame that chips are laid out on, and the welding it is seen through.
+
+    Raises
+    ------
+    CapacityError
+        If no frame has a surface; the first one's reason.
+    """
+    first: CapacityError | None = None
+    for frame in original:
+        try:
+            welding = Welding.of(frame)
+        except CapacityError as error:
+            first = first or error
+        else:
+            return welding, welding.frame(frame)
+    assert first is not None
+    raise first
