@@ -15,6 +15,8 @@ APEX_DEFAULTS: dict[str, Any] = {
     "hold": 4,
 }
 
+RELIEF_DEFAULTS: dict[str, Any] = {"max_mrms": 1e-4, "slope": 0.4}
+
 TSAI2014_DEFAULTS: dict[str, Any] = {
     "bits": 16,
     "strength": 0.05,
@@ -32,6 +34,12 @@ def _apex(**parameters: Any) -> Any:
     from meshmark_plugins.schemes.apex.scheme import Apex
 
     return Apex(**parameters)
+
+
+def _relief(**parameters: Any) -> Any:
+    from meshmark_plugins.schemes.relief.scheme import Relief
+
+    return Relief(**parameters)
 
 
 def _tsai2014(**parameters: Any) -> Any:
@@ -57,6 +65,15 @@ def meshmark_schemes() -> list[SchemeRecord]:
             version="1",
             parameters=APEX_DEFAULTS,
             needs=(),
+        ),
+        SchemeRecord(
+            name="relief",
+            factory=_relief,
+            summary="a low relief on every surface, read against the original",
+            version="1",
+            parameters=RELIEF_DEFAULTS,
+            needs=(),
+            informed=True,
         ),
         SchemeRecord(
             name="tsai2014",

@@ -1,0 +1,138 @@
+"""The scheme itself: a layout of patches on the original, a plan for marking, and evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from meshmark.arrays import BoolArray, FloatArray, SignArray
+from meshmark.errors import CapacityError
+from meshmark.extension.carrier import Observation
+from meshmark.extension.informed import AlignedFrame
+from meshmark.extension.parameters import require_number
+from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.geometry import surface_box
+from meshmark_plugins.schemes.relief.basis import Basis
+from meshmark_plugins.schemes.relief.chips import soft_chips
+from meshmark_plugins.schemes.relief.height import slope
+from meshmark_plugins.schemes.relief.plan import ReliefPlan, plan_heights
+from meshmark_plugins.schemes.relief.residual import heights
+
+WHAT = "scheme relief"
+# One chip in so many is the owner's in every copy; the others are a recipient's, if there is one.
+OWNER_EVERY = 8
+# Fewer chips could not reach one in a million, whatever they say.
+FEWEST_CHIPS = 26
+# Steps of umbrella smoothing that a copy may have been through.
+SMOOTHINGS = (0, 1, 3, 6, 10, 15, 20, 30, 40, 50, 70, 100, 150, 200, 300)
+# Vertices that choose among them.
+SAMPLE = 3000
+
+
+@dataclass(frozen=True, eq=False)
+class ReliefLayout:
+    """Where chips lie on an original, and how high their relief is.
+
+    Parameters
+    ----------
+    basis : Basis
+        From chips to heights.
+    height : float
+        A, root mean square of the relief in the unit of the points.
+    """
+
+    basis: Basis
+    height: float
+
+    @property
+    def n_chips(self) -> int:
+        """Chips of all levels, K."""
+        return self.basis.n_chips
+
+    @property
+    def owner(self) -> BoolArray:
+        """Which chips are the owner's in every copy, (K,) bool."""
+        return np.arange(self.n_chips) % OWNER_EVERY == 0
+
+
+class Relief:
+    """Bits in low heights above every part of a surface.
+
+    Parameters
+    ----------
+    max_mrms : float
+        Root mean square of the heights, as a share of the bounding box's diagonal; in (0, 0.01).
+    slope : float
+        Most degrees, root mean square over the surface, by which normals may turn; in (0, 10).
+        The height is lowered to that.
+    """
+
+    def __init__(self, *, max_mrms: float = 1e-4, slope: float = 0.4) -> None:
+        require_number(WHAT, "max_mrms", max_mrms, 0.0, 0.01)
+        require_number(WHAT, "slope", slope, 0.0, 10.0)
+        self.max_mrms, self.slope = max_mrms, slope
+
+    def layout(self, original: Frame) -> ReliefLayout:
+        """Lay patches on a frame of the original, as analysis sees it.
+
+        Raises
+        ------
+        CapacityError
+            If it has too few vertices.
+        """
+        V, F = original.points, original.faces
+        basis = Basis.of(V, F)
+        if basis.n_chips < FEWEST_CHIPS:
+            raise CapacityError(
+                f"{len(V)} points have room for {basis.n_chips} chips; it takes {FEWEST_CHIPS}"
+            )
+        probe = basis.heights(np.random.default_rng(0).choice((-1.0, 1.0), basis.n_chips))
+        steepest = np.radians(self.slope) / slope(V, F, probe)
+        return ReliefLayout(basis, min(self.max_mrms * surface_box(V, F)[0], steepest))
+
+    def plan(
+        self, animation: MeshAnimation, layout: ReliefLayout, signs: SignArray, *, jobs: int = 1
+    ) -> ReliefPlan:
+        """Raise and lower every vertex of an animation, as analysis sees it, by a fixed height."""
+        f = layout.height * layout.basis.heights(signs.astype(np.float64))
+        return ReliefPlan(plan_heights(animation, f), layout.n_chips)
+
+    def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> int:
+        """Choose how many steps of smoothing explain a copy best, by what is left."""
+        samples = [_sample(view) for view in views]
+        left = np.array(
+            [[heights(view, steps).deviation for steps in SMOOTHINGS[::2]] for view in samples]
+        )
+        which, rough = np.unravel_index(np.argmin(left), left.shape)
+        near = SMOOTHINGS[max(0, 2 * int(rough) - 1) : 2 * int(rough) + 2]
+        return min(near, key=lambda steps: heights(samples[which], steps).deviation)
+
+    def observe(self, view: AlignedFrame, layout: ReliefLayout, treatment: int) -> Observation:
+        """Estimate the chips of a copy's frame.
+
+        Parameters
+        ----------
+        treatment : int
+            What `treatment` said of one of the copy's frames.
+        """
+        found = [
+            self._chips(view, layout, steps) for steps in dict.fromkeys((0, treatment, treatment))
+        ]
+        owner = layout.owner
+        parts = [np.where(part, S, 0.0) for S in found for part in (True, owner, ~owner)]
+        soft = np.array(parts)[:, None, :]
+        log_prior = np.full(len(soft), -np.log(len(soft)))
+        return Observation(soft, log_prior, np.zeros((1, 0)))
+
+    def _chips(self, view: AlignedFrame, layout: ReliefLayout, smoothed: int) -> FloatArray:
+        found = heights(view, smoothed)
+        r = found.value - layout.basis.low_pass(found.value, found.count)
+        return soft_chips(layout.basis, layout.height, r, found.count)
+
+
+def _sample(view: AlignedFrame) -> AlignedFrame:
+    """Keep some of a copy's vertices."""
+    step = max(1, len(view.points) // SAMPLE)
+    return replace(view, points=view.points[::step], normals=view.normals[::step])
