@@ -10,7 +10,14 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.significance import HypothesisResult, judge_each
-from meshmark.detection.verdict import Answer, Named, PrimVerdict, Verdict, best_of_each
+from meshmark.detection.verdict import (
+    Answer,
+    InformedVerdict,
+    Named,
+    PrimVerdict,
+    Verdict,
+    best_of_each,
+)
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
 
@@ -164,6 +171,7 @@ class _Judged:
 def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> PrimVerdict:
     best = min(judged, key=lambda one: one.log10_p)
     evidence, finding = best.evidence, best.findings[0]
+    facts = evidence.informed
     others = tuple(name for name in (evidence.prim, *evidence.also) if name != prim)
     return PrimVerdict(
         prim=prim,
@@ -177,6 +185,7 @@ def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> Pri
         part=evidence.part,
         also=others,
         recipients=best_of_each(named for one in judged for named in one.named),
+        informed=None if facts is None else InformedVerdict(best.log10_p, facts),
     )
 
 

@@ -136,6 +136,37 @@ def in_steps(soft: NDArray[np.floating[Any]]) -> NDArray[np.int8]:
     return np.asarray(steps, dtype=np.int8)
 
 
+@dataclass(frozen=True)
+class InformedFacts:
+    """How a copy was laid upon its original before it was measured.
+
+    Parameters
+    ----------
+    prim : str
+        The mesh of the original.
+    poses : tuple of float
+        Frame of the original that each frame of the copy shows, between two where it is a blend.
+    maps : tuple of str
+        Maps of space that were tried: "similarity", "affine", "cubic".
+    method : str
+        How the placement was found: "identity", "pca" or "features".
+    residual : float
+        Distance of the copy from the original, a share of the diagonal.
+    covered : float
+        Share of the original's surface that the copy covers.
+    patches : int
+        Chips that say something.
+    """
+
+    prim: str
+    poses: tuple[float, ...]
+    maps: tuple[str, ...]
+    method: str
+    residual: float
+    covered: float
+    patches: int
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Chips of one mesh over its frames, measured without any key.
@@ -161,6 +192,8 @@ class Evidence:
         Which part of the mesh was measured; empty for all of it.
     also : tuple of str
         Further meshes that have parts in it.
+    informed : InformedFacts or None
+        How it was laid upon the original, where it was measured beside that.
     """
 
     prim: str
@@ -172,6 +205,7 @@ class Evidence:
     bit_threshold: float = 0.0
     part: str = ""
     also: tuple[str, ...] = ()
+    informed: InformedFacts | None = None
 
     @cached_property
     def held(self) -> BoolArray:

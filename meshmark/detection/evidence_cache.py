@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
+from meshmark.detection.informed import gather_informed
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.asset import Asset
@@ -25,6 +27,8 @@ def kept_evidence(
     frames: str | None = None,
     authenticated: bool = True,
     isolated: bool = False,
+    original: str | None = None,
+    master: str | None = None,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> AssetEvidence:
@@ -37,7 +41,8 @@ def kept_evidence(
     path : Path
         The evidence file.
     recipes : sequence of Recipe
-        Schemes with their parameters; all there are, with their defaults, where empty.
+        Schemes with their parameters; all there are, with their defaults, where empty. Informed
+        ones only count with an original.
     frames : str, optional
         Range A:B[:S] of time codes; all by default, and for "auto".
     authenticated : bool
@@ -45,6 +50,8 @@ def kept_evidence(
         verdict rests on it.
     isolated : bool
         Read the source in a process of its own, as `meshmark.read` can.
+    original, master : str, optional
+        What to measure the source beside, too; see `meshmark.detection.verify.verify`.
 
     Raises
     ------
@@ -56,12 +63,18 @@ def kept_evidence(
     """
     start = time.perf_counter()
     tried = tuple(recipes) or all_schemes()
+    blind = tuple(recipe for recipe in tried if not recipe.informed)
+    informed = tuple(recipe for recipe in tried if recipe.informed and original is not None)
+    if not blind and not informed:
+        raise UsageError(f"scheme {tried[0].scheme} reads a copy beside its original only")
     # Of a source that was read apart all is read, and known to be what was hashed.
     states = [] if isolated else _states(source)
     asset = read(source, isolated=isolated)
+    beside = [read(name) for name in (original, master) if name is not None]
     wanted = StoredEvidence(
         files=_digests(asset),
-        recipes=[recipe.as_json() for recipe in tried],
+        original=tuple(pair for each in beside for pair in _digests(each)),
+        recipes=[recipe.as_json() for recipe in (*blind, *informed)],
         frames=None if frames in ("auto", ":") else frames,
         items=(),
         notes=(),
@@ -71,14 +84,31 @@ def kept_evidence(
         _require_same(stored, wanted, source, path)
         elapsed = time.perf_counter() - start
         return AssetEvidence(
-            source, stored.items, len(stored.recipes), stored.notes, elapsed, authenticated
+            source, stored.items, len(blind), stored.notes, elapsed, authenticated, original
         )
-    found = gather(asset, recipes=tried, frames=frames, jobs=jobs, progress=progress)
+    found = AssetEvidence(source, (), 0, (), 0.0, original=original)
+    if blind:
+        alone = gather(asset, recipes=blind, frames=frames, jobs=jobs, progress=progress)
+        found = replace(alone, original=original)
+    if informed:
+        read_beside = gather_informed(
+            asset,
+            beside[0],
+            informed,
+            master=beside[1] if len(beside) > 1 else None,
+            frames=frames,
+            jobs=jobs,
+            progress=progress,
+        )
+        found = replace(
+            found,
+            items=(*found.items, *read_beside.items),
+            notes=(*found.notes, *read_beside.notes),
+            elapsed_s=time.perf_counter() - start,
+        )
     if states and _states(source) != states:
         raise InputError("changed while it was measured; measure it again", source=source)
-    save_evidence(
-        StoredEvidence(wanted.files, wanted.recipes, wanted.frames, found.items, found.notes), path
-    )
+    save_evidence(replace(wanted, items=found.items, notes=found.notes), path)
     return found
 
 
@@ -104,6 +134,8 @@ def _require_same(stored: StoredEvidence, wanted: StoredEvidence, source: str, p
     # A copy under another name is the same copy.
     if [digest for _, digest in stored.files] != [digest for _, digest in wanted.files]:
         raise UsageError(f"{path} holds the evidence of another file", source=source)
+    if [digest for _, digest in stored.original] != [digest for _, digest in wanted.original]:
+        raise UsageError(f"{path} was measured beside another original", source=source)
     if list(stored.recipes) != list(wanted.recipes):
         names = ", ".join(str(recipe["scheme"]["name"]) for recipe in stored.recipes)
         raise UsageError(

@@ -38,7 +38,7 @@ from meshmark.errors import InputError
 from meshmark.statistics.word_windows import WordPosterior
 from meshmark.workers.disk_list import DiskList
 
-FORMAT = "meshmark-evidence-3"
+FORMAT = "meshmark-evidence-4"
 KIND = f"{FORMAT}\n".encode()
 
 _LENGTH = struct.Struct("<I")
@@ -55,6 +55,9 @@ class StoredEvidence:
     ----------
     files : tuple of (str, str)
         Name and SHA-256 of every file of the source.
+    original : tuple of (str, str)
+        The same of what the source was measured beside: the original, then the master; empty
+        where it was measured by itself.
     recipes : sequence
         Schemes with all their parameters, as `Recipe.as_json` gives them.
     frames : str or None
@@ -66,6 +69,7 @@ class StoredEvidence:
     """
 
     files: tuple[tuple[str, str], ...]
+    original: tuple[tuple[str, str], ...]
     recipes: Sequence[Any]
     frames: str | None
     items: tuple[Evidence, ...]
@@ -81,7 +85,12 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
         If it cannot be written; nothing half-written is left.
     """
     header = header_text(
-        stored.files, stored.recipes, stored.frames, stored.notes, stored.items
+        stored.files,
+        stored.original,
+        stored.recipes,
+        stored.frames,
+        stored.notes,
+        stored.items,
     ).encode()
     # No time of day: equal evidence gives equal bytes.
     with sealed(path, KIND) as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as stream:
@@ -141,7 +150,9 @@ def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
         # The end is where checksums are compared.
         if stream.read(1):
             raise ValueError("too long")
-    return StoredEvidence(header.files, header.recipes, header.frames, items, header.notes)
+    return StoredEvidence(
+        header.files, header.original, header.recipes, header.frames, items, header.notes
+    )
 
 
 def _item(
@@ -164,6 +175,7 @@ def _item(
         bit_threshold=header.bit_threshold,
         part=header.part,
         also=header.also,
+        informed=header.informed,
     )
 
 

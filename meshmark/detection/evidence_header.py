@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NoReturn, TypeVar
 
-from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence import Evidence, InformedFacts
 from meshmark.statistics.word_windows import WINDOW_SIZE
 
 Thing = TypeVar("Thing")
@@ -59,6 +59,7 @@ class ItemHeader:
     tracked: bool
     bit_threshold: float
     variants: tuple[RestorationHeader, ...]
+    informed: InformedFacts | None
 
     @property
     def n_bytes(self) -> int:
@@ -72,6 +73,7 @@ class Header:
     """The header of an evidence file: see `StoredEvidence`."""
 
     files: tuple[tuple[str, str], ...]
+    original: tuple[tuple[str, str], ...]
     recipes: tuple[dict[str, Any], ...]
     frames: str | None
     notes: tuple[str, ...]
@@ -85,6 +87,7 @@ class Header:
 
 def header_text(
     files: Sequence[tuple[str, str]],
+    original: Sequence[tuple[str, str]],
     recipes: Sequence[Any],
     frames: str | None,
     notes: Sequence[str],
@@ -93,6 +96,7 @@ def header_text(
     """Return the header of an evidence file as JSON."""
     document = {
         "files": [list(pair) for pair in files],
+        "original": [list(pair) for pair in original],
         "recipes": list(recipes),
         "frames": frames,
         "notes": list(notes),
@@ -111,6 +115,7 @@ def _described(item: Evidence) -> dict[str, Any]:
         "n_frames": len(item.times),
         "tracked": item.tracked,
         "decisive": item.bit_threshold,
+        "informed": None if item.informed is None else asdict(item.informed),
         "strands": [
             {
                 "restored": variant.restored,
@@ -135,12 +140,13 @@ def parse_header(text: str) -> Header:
         document = json.loads(text, parse_constant=_refuse)
     except RecursionError:
         raise ValueError("nested too deeply") from None
-    files, recipes, frames, notes, items = _values(
-        document, "files", "recipes", "frames", "notes", "items"
+    files, original, recipes, frames, notes, items = _values(
+        document, "files", "original", "recipes", "frames", "notes", "items"
     )
     known = _several(recipes, _recipe)
     header = Header(
         files=_several(files, _file),
+        original=_several(original, _file),
         recipes=known,
         frames=None if frames is None else _text(frames),
         notes=_several(notes, _text),
@@ -153,10 +159,12 @@ def parse_header(text: str) -> Header:
 
 
 def _item(value: Any) -> ItemHeader:
-    prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, variants = _values(
-        value,
-        *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
-        "strands",
+    prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, informed, variants = (
+        _values(
+            value,
+            *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
+            *("informed", "strands"),
+        )
     )
     item = ItemHeader(
         prim=_text(prim),
@@ -168,6 +176,7 @@ def _item(value: Any) -> ItemHeader:
         tracked=_flag(tracked),
         bit_threshold=_number(bit_threshold, 0.0, 1.0),
         variants=_several(variants, _strand, VARIANTS),
+        informed=None if informed is None else _facts(informed),
     )
     if not item.variants or item.bit_threshold == 1.0:
         raise ValueError("item")
@@ -177,6 +186,21 @@ def _item(value: Any) -> ItemHeader:
     if not (item.n_words >= WINDOW_SIZE if item.variants[0].placed else item.n_words <= FREE_WORDS):
         raise ValueError("words")
     return item
+
+
+def _facts(value: Any) -> InformedFacts:
+    prim, poses, maps, method, residual, covered, patches = _values(
+        value, "prim", "poses", "maps", "method", "residual", "covered", "patches"
+    )
+    return InformedFacts(
+        prim=_text(prim),
+        poses=_several(poses, lambda pose: _number(pose, 0.0, FRAMES)),
+        maps=_several(maps, _text),
+        method=_text(method),
+        residual=_number(residual, 0.0, 1e6),
+        covered=_number(covered, 0.0, 2.0),
+        patches=_whole(patches, 0, SHAPE[2]),
+    )
 
 
 def _strand(value: Any) -> RestorationHeader:

@@ -12,7 +12,7 @@ from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.looks import EVERYTHING, Look
 from meshmark.errors import CapacityError, InputError
-from meshmark.extension.recipe import Recipe, all_schemes
+from meshmark.extension.recipe import Recipe, blind_schemes
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
 from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
@@ -41,6 +41,8 @@ class AssetEvidence:
         Seconds spent measuring.
     authenticated : bool
         Whether it is known where it was measured; no verdict rests on other evidence.
+    original : str or None
+        What some of it was measured beside.
     """
 
     source: str
@@ -49,6 +51,7 @@ class AssetEvidence:
     notes: tuple[str, ...]
     elapsed_s: float
     authenticated: bool = True
+    original: str | None = None
 
 
 @sharing_workers
@@ -117,7 +120,7 @@ class Survey:
         within, left_out = in_range(whole, frames)
         wanted = candidates(within) if parts else [Candidate(mesh) for mesh in within.meshes]
         self.source = whole.source
-        self.recipes = tuple(recipes) or all_schemes()
+        self.recipes = tuple(recipes) or blind_schemes()
         # Groups of frames that agree with each other may lie outside the range.
         self._candidates = [each for each in wanted if has_frame_in(each.animation, frames)]
         self._frames, self._jobs, self._progress = frames, jobs, progress

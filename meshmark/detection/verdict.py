@@ -6,8 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
+from meshmark.detection.evidence import InformedFacts
 from meshmark.detection.significance import HypothesisResult
 from meshmark.files.atomic import number
+from meshmark.statistics.p_values import MAX_EXACT_CHIPS
+
+# Log10 of what the product of two bounds is corrected by.
+QUADRUPLE = float(np.log10(4.0))
 
 Answer = Literal["marked", "not marked", "inconclusive"]
 
@@ -40,6 +47,37 @@ class Named:
 
 
 @dataclass(frozen=True)
+class InformedVerdict:
+    """What a mesh says beside its original.
+
+    Parameters
+    ----------
+    log10_p : float
+        Bound from informed evidence alone, corrected for every search.
+    facts : InformedFacts
+        How it was laid upon the original.
+    """
+
+    log10_p: float
+    facts: InformedFacts
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry `informed` of this mesh."""
+        facts = self.facts
+        return {
+            "log10_p": self.log10_p,
+            "prim": facts.prim,
+            "method": facts.method,
+            "pose": facts.poses[0],
+            "poses": list(facts.poses),
+            "map": ", ".join(facts.maps),
+            "residual": number(facts.residual),
+            "covered": number(facts.covered),
+            "patches": facts.patches,
+        }
+
+
+@dataclass(frozen=True)
 class PrimVerdict:
     """The answer for one mesh, from the part, scheme and recipient that fit it best."""
 
@@ -54,12 +92,13 @@ class PrimVerdict:
     part: str = ""
     also: tuple[str, ...] = ()
     recipients: tuple[Named, ...] = ()
+    informed: InformedVerdict | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this mesh in `verify --json`."""
         errors = self.finding.errors
         frames = zip(self.times, self.finding.log10_p_per_frame, errors.per_frame, strict=True)
-        return {
+        entry = {
             "prim": self.prim,
             "part": self.part,
             "also": list(self.also),
@@ -75,6 +114,7 @@ class PrimVerdict:
                 for time, p, ber in frames
             ],
         }
+        return entry if self.informed is None else {**entry, "informed": self.informed.as_json()}
 
 
 @dataclass(frozen=True)
@@ -103,6 +143,8 @@ class Verdict:
         What evidence says that anybody may have written, if there is no other.
     recipients : tuple of Named
         Everybody whose words are in it, what fits best first; `prims` tell where.
+    original : str or None
+        What the copy was compared with.
     """
 
     source: str
@@ -114,6 +156,7 @@ class Verdict:
     notes: tuple[str, ...] = ()
     unauthenticated: Verdict | None = None
     recipients: tuple[Named, ...] = ()
+    original: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this source in `verify --json`."""
@@ -128,6 +171,8 @@ class Verdict:
             "prims": [prim.as_json() for prim in self.prims],
             "notes": list(self.notes),
         }
+        if self.original is not None:
+            entry["original"] = self.original
         return entry if said is None else {**entry, "unauthenticated": said.as_json()}
 
 
@@ -155,6 +200,54 @@ def together(one: Verdict, two: Verdict) -> Verdict:
         )
     recipients = best_of_each((*one.recipients, *two.recipients))
     return replace(best, prims=tuple(by_prim.values()), recipients=recipients)
+
+
+def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
+    """Join what a copy says by itself with what it says beside its original.
+
+    Notes
+    -----
+    The keys of both layers are independent of each other, so that their e-values multiply. The
+    bounds p = min(1, 1 / E) are at hand: max(1, E) has a mean of at most 2, and the product of two
+    of at most 4.
+    """
+    by_prim = {prim.prim: prim for prim in blind.prims}
+    for prim in informed.prims:
+        other = by_prim.get(prim.prim)
+        if other is None:
+            by_prim[prim.prim] = prim
+            continue
+        log10_p = _product(other, prim)
+        best = min(other, prim, key=lambda each: each.log10_p)
+        by_prim[prim.prim] = replace(
+            best,
+            log10_p=log10_p,
+            verdict="marked" if log10_p <= np.log10(fpr) else prim.verdict,
+            recipients=best_of_each((*other.recipients, *prim.recipients)),
+            informed=prim.informed,
+        )
+    strongest = min(blind.prims, key=lambda prim: prim.log10_p, default=None)
+    log10_p = min(0.0, informed.log10_p + QUADRUPLE + _multipliable(strongest))
+    marked = log10_p <= np.log10(fpr)
+    recipients = best_of_each((*blind.recipients, *informed.recipients))
+    return replace(
+        informed,
+        verdict="marked" if marked else informed.verdict,
+        log10_p=log10_p,
+        recipient=recipients[0].recipient if marked and recipients else None,
+        prims=tuple(by_prim.values()),
+        notes=tuple(dict.fromkeys((*blind.notes, *informed.notes))),
+        recipients=recipients if marked else (),
+    )
+
+
+def _product(blind: PrimVerdict, informed: PrimVerdict) -> float:
+    return min(0.0, informed.log10_p + QUADRUPLE + _multipliable(blind))
+
+
+def _multipliable(prim: PrimVerdict | None) -> float:
+    """Return a bound of which e-values can be made; of few chips p is exact, which it is not."""
+    return 0.0 if prim is None or prim.chips <= MAX_EXACT_CHIPS else prim.log10_p
 
 
 def best_of_each(named: Iterable[Named]) -> tuple[Named, ...]:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from meshmark.detection.decision import decide
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
+from meshmark.detection.informed import gather_informed
 from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
-from meshmark.detection.verdict import Verdict, together, without_weight
-from meshmark.extension.recipe import Recipe
+from meshmark.detection.verdict import QUADRUPLE, Verdict, jointly, together, without_weight
+from meshmark.errors import UsageError
+from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.asset import Asset
+from meshmark.mesh.asset import Asset, as_asset
 from meshmark.mesh.frame_range import AUTO
 from meshmark.recipients import spellings
 from meshmark.workers.ordered_map import sharing_workers
@@ -30,6 +35,8 @@ def verify(
     recipients: Sequence[str] = (),
     frames: str | None = None,
     fpr: float = 1e-6,
+    original: Asset | MeshAnimation | None = None,
+    master: Asset | Callable[[], Asset] | None = None,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> Verdict:
@@ -43,7 +50,7 @@ def verify(
         The owner's key.
     recipes : sequence of Recipe
         Schemes to try, with the parameters they were embedded with; by default every scheme
-        there is, with its defaults.
+        there is, with its defaults, those that need the original only where it is given.
     recipients : sequence of str
         Names to try beside the owner's own mark, in every form of `spellings`; each is
         corrected for.
@@ -52,21 +59,75 @@ def verify(
         first and more only while they do not decide.
     fpr : float
         False-positive rate: the largest p that counts as marked.
+    original : Asset or MeshAnimation, optional
+        What the copy may have been made from. Informed schemes read the copy beside it.
+    master : Asset or callable, optional
+        The original as the blind layers left it; or what makes it, called only if the original
+        alone does not decide.
 
     Raises
     ------
     InputError
         If no frame of any mesh can be read.
+    UsageError
+        If only informed schemes are asked for and there is no original, or the other way round.
 
     Notes
     -----
     With "auto" the looks are fixed beforehand, and share the false-positive rate; so do the
     schemes, tried one after the other. Where several recipients are asked for, a marked copy is
     looked at whole, so that all who are in it are named.
+
+    With an original, the copy is read beside it first, and by itself only if that does not decide.
     """
     start = time.perf_counter()
-    survey = Survey(asset, recipes=recipes, frames=frames, jobs=jobs, progress=progress)
+    tried = tuple(recipes) or all_schemes()
+    blind = [recipe for recipe in tried if not recipe.informed]
+    informed = [recipe for recipe in tried if recipe.informed]
+    copy = _as_asset(asset)
     names = spellings(recipients)
+    if original is None:
+        if not blind:
+            raise UsageError(f"scheme {tried[0].scheme} reads a copy beside its original only")
+        verdict = verify_blindly(
+            copy, key, blind, names, frames=frames, fpr=fpr, jobs=jobs, progress=progress
+        )
+        return replace(verdict, elapsed_s=time.perf_counter() - start)
+    if not informed:
+        raise UsageError(f"scheme {tried[0].scheme} makes no use of an original")
+    verdict = verify_informed(
+        copy,
+        key,
+        informed,
+        names,
+        original=_as_asset(original),
+        master=master,
+        frames=frames,
+        fpr=fpr,
+        jobs=jobs,
+        progress=progress,
+    )
+    if blind and verdict.log10_p + QUADRUPLE > np.log10(fpr):
+        alone = verify_blindly(
+            copy, key, blind, names, frames=frames, fpr=fpr, jobs=jobs, progress=progress
+        )
+        verdict = jointly(alone, verdict, fpr)
+    return replace(verdict, elapsed_s=time.perf_counter() - start)
+
+
+def verify_blindly(
+    asset: Asset,
+    key: Key,
+    recipes: Sequence[Recipe],
+    names: Sequence[str],
+    *,
+    frames: str | None,
+    fpr: float,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> Verdict:
+    """Look at a copy alone; parameters are those of `verify`."""
+    survey = Survey(asset, recipes=recipes, frames=frames, jobs=jobs, progress=progress)
     looks, one_by_one = (LOOKS, True) if frames == AUTO else ((EVERYTHING,), False)
 
     def judged(views: Sequence[Extraction], look: Look) -> Verdict:
@@ -97,7 +158,59 @@ def verify(
         if best.verdict == "marked":
             break
     assert best is not None
-    return replace(best, elapsed_s=time.perf_counter() - start, notes=survey.notes())
+    return replace(best, notes=survey.notes())
+
+
+def verify_informed(
+    copy: Asset,
+    key: Key,
+    recipes: Sequence[Recipe],
+    names: Sequence[str],
+    *,
+    original: Asset,
+    master: Asset | Callable[[], Asset] | None,
+    frames: str | None,
+    fpr: float,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> Verdict:
+    """Look at a copy beside its original; parameters are those of `verify`.
+
+    Where the master has to be made, the looks before and after it share the rate.
+    """
+
+    def judged(master: Asset | None, share: float) -> Verdict:
+        found = gather_informed(
+            copy,
+            original,
+            recipes,
+            master=master,
+            frames=frames,
+            jobs=jobs,
+            progress=progress,
+        )
+        verdict = decide(
+            copy.source,
+            found.items,
+            key,
+            recipients=names,
+            fpr=fpr,
+            n_schemes=len(recipes),
+            share=share,
+            notes=found.notes,
+        )
+        return replace(verdict, original=original.source)
+
+    if not callable(master):
+        return judged(master, 1.0)
+    first = judged(None, 1 / 2)
+    if not first.prims or first.log10_p + QUADRUPLE <= np.log10(fpr):
+        return first
+    return together(first, judged(master(), 1 / 2))
+
+
+def _as_asset(asset: Asset | MeshAnimation) -> Asset:
+    return asset if isinstance(asset, Asset) else as_asset(asset)
 
 
 def judge_all(
@@ -105,15 +218,21 @@ def judge_all(
 ) -> Verdict:
     """Try a key, and any recipients, on evidence that was measured before."""
     start = time.perf_counter()
-    verdict = decide(
+    judged = partial(
+        decide,
         evidence.source,
-        evidence.items,
-        key,
+        key=key,
         recipients=spellings(recipients),
         fpr=fpr,
-        n_schemes=evidence.n_schemes,
         notes=evidence.notes,
     )
+    alone = [item for item in evidence.items if item.informed is None]
+    beside = [item for item in evidence.items if item.informed is not None]
+    verdict = judged(alone, n_schemes=max(1, evidence.n_schemes))
+    if evidence.original is not None:
+        n_informed = max(1, len({item.scheme for item in beside}))
+        informed = replace(judged(beside, n_schemes=n_informed), original=evidence.original)
+        verdict = jointly(verdict, informed, fpr)
     elapsed = evidence.elapsed_s + time.perf_counter() - start
     verdict = replace(verdict, elapsed_s=elapsed)
     return verdict if evidence.authenticated else without_weight(verdict)

@@ -46,7 +46,7 @@ def stored() -> StoredEvidence:
         "/A", "apex", 8, np.array([1.0, 2.5]), variants, tracked=False, bit_threshold=0.25
     )
     files = (("a.usd", "0" * 64),)
-    return StoredEvidence(files, ({"scheme": {"name": "apex"}},), "1:3", (item,), ("a note",))
+    return StoredEvidence(files, (), ({"scheme": {"name": "apex"}},), "1:3", (item,), ("a note",))
 
 
 def assert_same_frames(one: RestoredVariant, two: RestoredVariant) -> None:

@@ -60,6 +60,7 @@ class OracleRecipe:
 
     oracle: Oracle
     scheme: str = NAME
+    informed: bool = False
 
     def build(self) -> Oracle:
         return self.oracle

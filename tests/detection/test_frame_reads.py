@@ -58,6 +58,7 @@ class MadeAlready:
 
     made: MarkedAt
     scheme: str = NAME
+    informed: bool = False
 
     def build(self) -> MarkedAt:
         return self.made
