@@ -83,7 +83,7 @@ def make_copy(
         "file": path.name,
         "prims": [[mesh.animation.prim, written[mesh.animation.prim]] for mesh in marked.meshes],
         "skipped": [[each.prim, each.reason] for each in marked.skipped],
-        "carriers": sum(mesh.embedded.carriers for mesh in marked.meshes),
+        "carriers": sum(mesh.carriers for mesh in marked.meshes),
         "timings": {"embed_s": round(time.perf_counter() - start, 3)},
     }
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, NoExtentError
-from meshmark.extension.recipe import Recipe
+from meshmark.extension.informed import InformedScheme
+from meshmark.extension.interfaces import Scheme
+from meshmark.extension.recipe import Recipe, in_order
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut, as_asset
@@ -16,7 +18,7 @@ from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.recipients import recipient_name
 from meshmark.workers.ordered_map import sharing_workers
-from meshmark.workers.progress import MeshProgress
+from meshmark.workers.progress import FrameProgress, MeshProgress
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +29,39 @@ class MarkedMesh:
     ----------
     original : MeshAnimation
         As it was read.
-    embedded : Embedded
-        As it was marked.
+    layers : tuple of Embedded
+        As each layer marked it, one upon the other.
     passed_over : tuple of (float, NoExtentError)
         Times at which it is scaled to nothing; those frames stay as they are.
+    missing : tuple of (str, str)
+        Layers that it could not hold, and why.
     """
 
     original: MeshAnimation
-    embedded: Embedded
+    layers: tuple[Embedded, ...]
     passed_over: tuple[tuple[float, NoExtentError], ...] = ()
+    missing: tuple[tuple[str, str], ...] = ()
 
     @property
     def animation(self) -> MeshAnimation:
         """The marked animation."""
-        return self.embedded.animation
+        return self.layers[-1].animation
+
+    @property
+    def master(self) -> MeshAnimation:
+        """The animation as the blind layers left it."""
+        blind = [layer.animation for layer in self.layers if not layer.informed]
+        return blind[-1] if blind else self.original
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Indices of the marked frames."""
+        return self.layers[-1].frames
+
+    @property
+    def carriers(self) -> int:
+        """Number of carriers of all layers."""
+        return sum(layer.carriers for layer in self.layers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +87,18 @@ class MarkedAsset:
         """The marked meshes alone, in the original's order."""
         return replace(self.original, meshes=tuple(mesh.animation for mesh in self.meshes))
 
+    @property
+    def master(self) -> Asset:
+        """The same meshes as the blind layers left them: copies are read beside these."""
+        return replace(self.original, meshes=tuple(mesh.master for mesh in self.meshes))
+
 
 @sharing_workers
 def embed(
     asset: Asset | MeshAnimation,
     key: Key,
     *,
-    recipe: Recipe | None = None,
+    recipe: Recipe | Sequence[Recipe] | None = None,
     recipient: str | None = None,
     frames: str | None = None,
     jobs: int = 1,
@@ -86,10 +112,11 @@ def embed(
         What `meshmark.read` gave, or one animation of it.
     key : Key
         The owner's key.
-    recipe : Recipe, optional
-        Scheme, segmenter and solver with their parameters; the defaults where not given.
+    recipe : Recipe or sequence of Recipe, optional
+        Schemes with their parameters, a layer each; `default_layers` where not given.
     recipient : str, optional
-        Whose copy this will be: `verify` can then name them. See `recipient_name`.
+        Whose copy this will be: `verify` can then name them. See `recipient_name`. Beside an
+        informed layer, blind ones hold the owner's words alone.
     frames : str, optional
         Range A:B[:S] of time codes to mark; the others stay as they are.
     jobs : int
@@ -115,8 +142,7 @@ def embed(
     """
     whose = None if recipient is None else recipient_name(recipient)
     whole = asset if isinstance(asset, Asset) else as_asset(asset)
-    scheme = (recipe or Recipe()).build()
-    name = (recipe or Recipe()).scheme
+    layers = [Layer.of(each) for each in in_order(recipe)]
     marked: list[MarkedMesh] = []
     within, beyond = in_range(whole, frames)
     skipped = list(beyond)
@@ -125,28 +151,79 @@ def embed(
     for animation in within.meshes:
         tell = None if progress is None else partial(progress, animation.prim)
         empty = passed_over[animation.prim]
+        chosen = _remaining(animation, frames, empty)
         try:
-            embedded = embed_animation(
-                animation,
-                scheme,
-                name,
-                key,
-                recipient=whose,
-                frames=_remaining(animation, frames, empty),
-                jobs=jobs,
-                progress=tell,
-            )
+            done, missing = _mark(animation, layers, key, whose, chosen, jobs=jobs, progress=tell)
         except CapacityError as error:
             if len(within.meshes) == 1:
                 raise
             skipped.append(LeftOut(animation.prim, error.message))
             continue
         told = tuple((float(animation.times[index]), error) for index, error in empty.items())
-        marked.append(MarkedMesh(animation, embedded, told))
+        marked.append(MarkedMesh(animation, done, told, missing))
     if not marked:
         reasons = "; ".join(f"{each.prim}: {each.reason}" for each in skipped[:3])
         raise CapacityError(f"no mesh can hold a mark: {reasons}", source=whole.source)
     return MarkedAsset(whole, tuple(marked), tuple(skipped))
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A scheme that marks, and its name."""
+
+    name: str
+    scheme: Scheme | InformedScheme
+
+    @classmethod
+    def of(cls, recipe: Recipe) -> Layer:
+        """Build what a recipe says."""
+        return cls(recipe.scheme, recipe.build())
+
+
+def _mark(
+    animation: MeshAnimation,
+    layers: Sequence[Layer],
+    key: Key,
+    recipient: str | None,
+    frames: tuple[int, ...],
+    *,
+    jobs: int,
+    progress: FrameProgress | None,
+) -> tuple[tuple[Embedded, ...], tuple[tuple[str, str], ...]]:
+    """Lay one layer upon the other, and tell which the mesh cannot hold.
+
+    A blind layer beside an informed one holds the owner's words whoever the copy is for: no
+    average of copies weakens what is the same in all.
+
+    Raises
+    ------
+    CapacityError
+        If it can hold none; the first reason.
+    """
+    informed = any(isinstance(layer.scheme, InformedScheme) for layer in layers)
+    done: list[Embedded] = []
+    refused: list[tuple[str, CapacityError]] = []
+    for layer in layers:
+        for_all = informed and not isinstance(layer.scheme, InformedScheme)
+        try:
+            embedded = embed_animation(
+                done[-1].animation if done else animation,
+                layer.scheme,
+                layer.name,
+                key,
+                recipient=None if for_all else recipient,
+                frames=frames,
+                original=animation,
+                jobs=jobs,
+                progress=progress,
+            )
+        except CapacityError as error:
+            refused.append((layer.name, error))
+        else:
+            done.append(embedded)
+    if not done:
+        raise refused[0][1]
+    return tuple(done), tuple((name, error.message) for name, error in refused)
 
 
 def _passed_over(animation: MeshAnimation, frames: str | None) -> dict[int, NoExtentError]:

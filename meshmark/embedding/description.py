@@ -29,7 +29,7 @@ def describe_run(
     output: Path,
     *,
     key: Key,
-    recipe: Recipe,
+    layers: Sequence[Recipe],
     recipient: str | None,
     frames: str | None,
     deliver: bool,
@@ -55,7 +55,8 @@ def describe_run(
         "key_id": key.id,
         "recipient": recipient,
         "frames": frames,
-        "plugins": recipe.as_json(),
+        "plugins": layers[0].as_json(),
+        "layers": [layer.as_json()["scheme"] for layer in layers],
     }
 
 
@@ -86,7 +87,7 @@ def describe_marks(marked: MarkedAsset, verdict: Verdict, *, jobs: int) -> dict[
 
 
 def _mesh(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int) -> dict[str, Any]:
-    first, chosen = mesh.original[0], mesh.embedded.frames
+    first, chosen = mesh.original[0], mesh.frames
     uv = texture_coordinates(asset, mesh.original.prim)
     found = distortion(
         mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv, jobs=jobs
@@ -103,7 +104,9 @@ def _mesh(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int
         "passed_over": [
             {"time": number(time), "reason": error.message} for time, error in mesh.passed_over
         ],
-        "carriers": mesh.embedded.carriers,
+        "carriers": mesh.carriers,
+        "layers": [{"scheme": layer.scheme, "carriers": layer.carriers} for layer in mesh.layers],
+        "missing": [{"scheme": name, "reason": reason} for name, reason in mesh.missing],
         "distortion": {name: number(value) for name, value in vars(found).items()},
         "verification": None if told is None else {name: told[name] for name in kept},
     }

@@ -18,14 +18,14 @@ from meshmark.delivery.unmarked import (
     unasked,
 )
 from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import Verdict
-from meshmark.detection.verify import judge_all
+from meshmark.detection.verdict import Verdict, jointly
+from meshmark.detection.verify import judge_all, verify_informed
 from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run
 from meshmark.embedding.manifest import Manifest, announced, manifest_path, output_hashes
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import UsageError
-from meshmark.extension.recipe import Recipe
+from meshmark.extension.recipe import Recipe, in_order
 from meshmark.files.atomic import write_json
 from meshmark.files.locks import held
 from meshmark.keys import Key
@@ -48,10 +48,11 @@ def mark_file(
     output: str | Path,
     key: Key,
     *,
-    recipe: Recipe | None = None,
+    recipe: Recipe | Sequence[Recipe] | None = None,
     prims: Sequence[str] = (),
     frames: str | None = None,
     recipient: str | None = None,
+    master: str | Path | None = None,
     deliver: bool = False,
     allow_unmarked: Sequence[str] = (),
     keep_metadata: bool = False,
@@ -70,14 +71,17 @@ def mark_file(
         Where to: `.usd`, `.usda` or `.usdc` for a layer, or what the source's reader writes.
     key : Key
         The owner's key.
-    recipe : Recipe, optional
-        Scheme, segmenter, solver and their parameters.
+    recipe : Recipe or sequence of Recipe, optional
+        Schemes with their parameters, a layer each; `default_layers` where not given.
     prims : sequence of str
         Meshes to mark; all that can be where empty.
     frames : str, optional
         Range A:B[:S] of time codes to mark.
     recipient : str, optional
         Whose copy it will be; the manifest has the name in the form of `recipient_name`.
+    master : str or Path, optional
+        Where to keep the source as the blind layers left it, in the same form as the output:
+        `verify` otherwise has to make it again.
     deliver : bool
         Flatten into one file in which no unmarked point is left.
     allow_unmarked : sequence of str
@@ -99,7 +103,7 @@ def mark_file(
     Returns
     -------
     Manifest
-        As written beside the output. It holds what blind verification says of the written
+        As written beside the output. It holds what verification says of the written
         file (of the marked frames in memory after a dry run), and the meshes that hold no mark.
 
     Raises
@@ -109,18 +113,19 @@ def mark_file(
         source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
     _require_sensible(deliver, frames, allow_unmarked, keep_metadata)
-    target, recipe = Path(output), recipe or Recipe()
+    target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
     original = read(source, prims) if trusted else read_isolated(source, prims, textures=True)
     check_output(target, original, deliver)
     write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
+    keep = _keeper(master, original, target, layers)
     others = unasked(read(source, isolated=not trusted), prims) if deliver and prims else ()
     markable = _markable(original, deliver, allow_unmarked)
     files = source_digests(original)
-    verified = partial(
+    verify = partial(
         _verify,
         key=key,
-        recipe=recipe,
+        layers=layers,
         frames=frames,
         recipient=recipient,
         jobs=jobs,
@@ -130,7 +135,7 @@ def mark_file(
         marked = embed(
             markable,
             key,
-            recipe=recipe,
+            recipe=layers,
             recipient=recipient,
             frames=frames,
             jobs=jobs,
@@ -144,7 +149,7 @@ def mark_file(
             files,
             target,
             key=key,
-            recipe=recipe,
+            layers=layers,
             recipient=recipient,
             frames=frames,
             deliver=deliver,
@@ -152,10 +157,11 @@ def mark_file(
         document["skipped"] = _skipped(marked, markable, others, deliver)
         require_unchanged(files)
         if dry_run:
-            verdict = verified(marked.asset)
+            verdict = verify(marked.asset, marked)
             return Manifest(document | describe_marks(marked, verdict, jobs=jobs))
         with announced(document, target):
-            document |= _written(marked, target, write, verified, jobs)
+            document |= _written(marked, target, write, partial(verify, marked=marked), jobs)
+            keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
             write_json(document, manifest_path(target))
@@ -206,28 +212,73 @@ def _written(
     return told | describe_marks(marked, verified(written), jobs=jobs)
 
 
+def _keeper(
+    master: str | Path | None, original: Asset, target: Path, layers: Sequence[Recipe]
+) -> Callable[[Asset], object]:
+    """Return what writes the master, or does nothing if none is asked for.
+
+    Raises
+    ------
+    UsageError, OutputError
+        If it cannot be written there, or no blind layer would be in it.
+    """
+    if master is None:
+        return lambda _: None
+    path = Path(master)
+    if all(layer.informed for layer in layers):
+        raise UsageError("--master keeps what blind layers made; there is none")
+    if path.resolve() == target.resolve():
+        raise UsageError("the master is the output", source=path)
+    check_output(path, original, deliver=False)
+    return writer(original, path)
+
+
 def _verify(
     written: Asset,
+    marked: MarkedAsset,
     key: Key,
-    recipe: Recipe,
+    layers: Sequence[Recipe],
     frames: str | None,
     recipient: str | None,
     *,
     jobs: int,
     progress: MeshProgress | None,
 ) -> Verdict:
-    """Verify blindly what was written just now: nobody smoothed it, or joined anything to it."""
-    evidence = gather(
-        written,
-        recipes=[recipe],
-        frames=frames,
-        restored=False,
-        parts=False,
-        jobs=jobs,
-        progress=progress,
-    )
-    recipients = [] if recipient is None else [recipient]
-    return judge_all(evidence, key, recipients=recipients, fpr=TARGET_FPR)
+    """Verify what was written just now: nobody smoothed it, or joined anything to it."""
+    blind = [layer for layer in layers if not layer.informed]
+    informed = [layer for layer in layers if layer.informed]
+    names = [] if recipient is None else [recipient]
+    alone = beside = None
+    if blind:
+        evidence = gather(
+            written,
+            recipes=blind,
+            frames=frames,
+            restored=False,
+            parts=False,
+            jobs=jobs,
+            progress=progress,
+        )
+        alone = judge_all(evidence, key, recipients=names, fpr=TARGET_FPR)
+    if informed:
+        whole = replace(marked.original, meshes=tuple(mesh.original for mesh in marked.meshes))
+        beside = verify_informed(
+            written,
+            key,
+            informed,
+            names,
+            original=whole,
+            master=marked.master if blind else None,
+            frames=frames,
+            fpr=TARGET_FPR,
+            jobs=jobs,
+            progress=progress,
+        )
+    if alone is None or beside is None:
+        one = alone or beside
+        assert one is not None
+        return one
+    return jointly(alone, beside, TARGET_FPR)
 
 
 def _stage(progress: StageProgress | None, stage: str) -> MeshProgress | None:

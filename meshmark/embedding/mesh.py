@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import FloatArray, IntArray, SignArray
 from meshmark.errors import CapacityError, InputError, MeshmarkError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
+from meshmark.extension.informed import (
+    InformedLayout,
+    InformedScheme,
+    layout_frame,
+    signs_of,
+)
 from meshmark.extension.interfaces import MarkingPlan, Scheme
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -34,22 +41,29 @@ class Embedded:
         Indices of the marked frames.
     carriers : int
         Number of carriers.
+    scheme : str
+        What marked it.
+    informed : bool
+        Whether that reads copies beside the original.
     """
 
     animation: MeshAnimation
     frames: tuple[int, ...]
     carriers: int
+    scheme: str
+    informed: bool
 
 
 @sharing_workers
 def embed_animation(
     animation: MeshAnimation,
-    scheme: Scheme,
+    scheme: Scheme | InformedScheme,
     scheme_name: str,
     key: Key,
     *,
     recipient: str | None = None,
     frames: tuple[int, ...] | None = None,
+    original: MeshAnimation | None = None,
     jobs: int = 1,
     progress: FrameProgress | None = None,
 ) -> Embedded:
@@ -59,6 +73,9 @@ def embed_animation(
     ----------
     frames : tuple of int, optional
         Indices of the frames to mark; all by default.
+    original : MeshAnimation, optional
+        What `animation` was before other layers marked it: informed schemes lay their chips out on
+        that.
     jobs : int
         Worker processes.
     progress : callable, optional
@@ -81,16 +98,19 @@ def embed_animation(
         )
     chosen = tuple(range(len(animation))) if frames is None else frames
     first = animation[chosen[0]]
-    words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
     scratch = ScratchFile.create(len(animation), first.topology.n_points)
     try:
         doubts = require_precision(animation, first)
-        generator = key.generator(f"embed/{scheme_name}")
+        some = animation.select(chosen)
         with breakdown_means_no_capacity():
-            step = rounding_of(animation, first) * surface_box(first.points, first.faces)[0]
-            work = plan_marking(
-                animation.select(chosen), scheme, words, generator=generator, step=step, jobs=jobs
-            )
+            if isinstance(scheme, InformedScheme):
+                signs = partial(signs_of, key, scheme_name, recipient=recipient)
+                work = plan_informed(some, scheme, signs, original or animation, jobs=jobs)
+            else:
+                words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
+                generator = key.generator(f"embed/{scheme_name}")
+                step = rounding_of(animation, first) * surface_box(first.points, first.faces)[0]
+                work = plan_marking(some, scheme, words, generator=generator, step=step, jobs=jobs)
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
     displacements = ordered_map(work, range(len(chosen)), jobs=jobs)
@@ -103,7 +123,8 @@ def embed_animation(
         source=DisplacedFrames(animation.source, scratch),
         notes=(*animation.notes, *doubts),
     )
-    return Embedded(marked, chosen, work.carriers)
+    informed = isinstance(scheme, InformedScheme)
+    return Embedded(marked, chosen, work.carriers, scheme_name, informed)
 
 
 def plan_marking(
@@ -119,6 +140,29 @@ def plan_marking(
     welding = Welding.of(animation[0])
     analysed = animation.map(welding.frame)
     plan = scheme.plan(analysed, words, generator=generator, step=step, jobs=jobs)
+    return MarkFrame(animation, welding, plan)
+
+
+def plan_informed(
+    animation: MeshAnimation,
+    scheme: InformedScheme,
+    signs: Callable[[InformedLayout], SignArray],
+    original: MeshAnimation,
+    *,
+    jobs: int,
+) -> MarkFrame:
+    """Let an informed scheme plan all frames of an animation; see `InformedScheme.plan`.
+
+    Parameters
+    ----------
+    signs : callable
+        Derives the chips' signs for a layout.
+    original : MeshAnimation
+        What the chips are laid out on.
+    """
+    welding, frame = layout_frame(original)
+    layout = scheme.layout(frame)
+    plan = scheme.plan(animation.map(welding.frame), layout, signs(layout), jobs=jobs)
     return MarkFrame(animation, welding, plan)
 
 
