@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -20,7 +21,7 @@ from meshmark.cli.options import (
     TrustedOption,
     load_key,
 )
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
 NOT_ALL_MARKED = 1
 
@@ -29,7 +30,12 @@ def embed(
     source: SourceArgument,
     output: OutputOption,
     key: KeyOption,
-    scheme: Annotated[str, typer.Option(help="Watermarking scheme.")] = DEFAULT_SCHEME,
+    scheme: Annotated[
+        list[str],
+        typer.Option(
+            help="Watermarking scheme; several are laid upon each other, blind ones first."
+        ),
+    ] = list(DEFAULT_LAYERS),  # noqa: B006 (typer makes a new list each time)
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
@@ -43,11 +49,19 @@ def embed(
         float | None,
         typer.Option(
             "--max-mrms",
-            help="Limit to the distortion (MRMS over the diagonal), for schemes that have one.",
+            help="Limit to the distortion of all layers (MRMS over the diagonal).",
         ),
     ] = None,
     recipient: Annotated[
         str | None, typer.Option(help="Recipient of this copy; keep the name.")
+    ] = None,
+    master: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Keep SOURCE as the blind layers left it: `verify --original --master` reads "
+            "copies beside it.",
+        ),
     ] = None,
     deliver: Annotated[
         bool, typer.Option("--deliver", help="Write one flattened file without any unmarked point.")
@@ -74,21 +88,23 @@ def embed(
 ) -> None:
     """Mark SOURCE and write OUTPUT, with a manifest beside it, and verify what was written."""
     from meshmark.embedding.file import mark_file
-    from meshmark.extension.recipe import recipe_from_text
+    from meshmark.extension.recipe import layers_from_text
     from meshmark.workers.ordered_map import default_jobs
 
-    own = {"strength": strength, "max_mrms": max_mrms}
-    recipe = recipe_from_text(scheme, segmenter, geodesic, settings, own)
+    layers = layers_from_text(
+        scheme, segmenter, geodesic, settings, strength=strength, max_mrms=max_mrms
+    )
     secret = load_key(key)
     with frame_progress() as progress:
         manifest = mark_file(
             source,
             output,
             secret,
-            recipe=recipe,
+            recipe=layers,
             prims=prim,
             frames=frames,
             recipient=None if recipient is None else _name(recipient),
+            master=master,
             deliver=deliver,
             allow_unmarked=allow_unmarked,
             keep_metadata=keep_metadata,
@@ -130,6 +146,8 @@ def _tell(document: dict[str, Any], dry_run: bool) -> None:
             warn(f"{prim['prim']}: {note}")
         for frame in prim["passed_over"]:
             warn(f"{prim['prim']}: frame {frame['time']:g} stays as it is: {frame['reason']}")
+        for layer in prim["missing"]:
+            warn(f"{prim['prim']}: no mark by {layer['scheme']}: {layer['reason']}")
         found = prim["distortion"]
         say(
             f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "

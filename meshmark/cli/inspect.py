@@ -15,27 +15,29 @@ from meshmark.cli.options import (
     SourceArgument,
     TrustedOption,
 )
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
 CANNOT_HOLD = 1
 
 
 def inspect(
     source: SourceArgument,
-    scheme: Annotated[str, typer.Option(help="Watermarking scheme.")] = DEFAULT_SCHEME,
+    scheme: Annotated[
+        list[str], typer.Option(help="Watermarking scheme; several are layers of one mark.")
+    ] = list(DEFAULT_LAYERS),  # noqa: B006 (typer makes a new list each time)
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
-    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    settings: SetOption = [],  # noqa: B006
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """List what is in SOURCE, and whether it can hold a mark; exit code 1 if a mesh cannot."""
     from meshmark.commands.inspect import inspect_asset
-    from meshmark.extension.recipe import recipe_from_text
+    from meshmark.extension.recipe import layers_from_text
     from meshmark.sources.reading import read
 
-    recipe = recipe_from_text(scheme, segmenter, geodesic, settings)
-    document = inspect_asset(read(source, isolated=not trusted), recipe)
+    layers = layers_from_text(scheme, segmenter, geodesic, settings)
+    document = inspect_asset(read(source, isolated=not trusted), layers)
     if json:
         put_json(document)
     else:
@@ -64,3 +66,6 @@ def _tell(document: dict[str, Any]) -> None:
             )
         else:
             typer.echo(f"    cannot hold a mark: {prim['reason']}")
+        for layer in prim["layers"]:
+            if prim["can_hold"] and not layer["can_hold"]:
+                typer.echo(f"    no mark by {layer['scheme']}: {layer['reason']}")

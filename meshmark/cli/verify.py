@@ -25,6 +25,9 @@ from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 if TYPE_CHECKING:
     from meshmark.detection.verdict import Named, PrimVerdict, Verdict
     from meshmark.extension.recipe import Recipe
+    from meshmark.keys import Key
+    from meshmark.mesh.asset import Asset
+    from meshmark.workers.progress import MeshProgress
 
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 # Of more meshes than this, only those with the lowest p are printed.
@@ -38,11 +41,12 @@ def verify(
     ],
     key: KeyOption,
     scheme: Annotated[
-        str | None, typer.Option(help="Scheme of the mark; by default, all are tried.")
-    ] = None,
+        list[str],
+        typer.Option(help="Scheme of the mark, or several; by default, all are tried."),
+    ] = [],  # noqa: B006 (typer makes a new list each time)
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
-    settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
+    settings: SetOption = [],  # noqa: B006
     recipient: Annotated[
         list[str],
         typer.Option(
@@ -60,6 +64,21 @@ def verify(
             "few frames first, and more only while the answer is open.",
         ),
     ] = "auto",
+    original: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE",
+            help="What the copies may have been made from: far more is found beside it.",
+        ),
+    ] = None,
+    master: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="The original as `embed --master` kept it; made again from original and key "
+            "without it.",
+        ),
+    ] = None,
     evidence: Annotated[
         Path | None,
         typer.Option(
@@ -92,6 +111,8 @@ def verify(
         raise UsageError("--evidence holds that of one SOURCE")
     if unauthenticated and evidence is None:
         raise UsageError("--unauthenticated-evidence needs --evidence")
+    if master is not None and original is None:
+        raise UsageError("--master needs --original")
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
         recipients=_names(recipient),
@@ -100,6 +121,8 @@ def verify(
         authenticated=not unauthenticated,
         fpr=fpr,
         trusted=trusted,
+        original=original,
+        master=master,
     )
     secret = load_key(key)
     verdicts: list[Verdict] = []
@@ -130,12 +153,12 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 
 
 def _recipes(
-    scheme: str | None, segmenter: str, geodesic: str, settings: Sequence[str]
+    schemes: Sequence[str], segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
-    from meshmark.extension.recipe import recipe_from_text, scheme_names
+    from meshmark.extension.recipe import layers_from_text, recipe_from_text, scheme_names
 
-    if scheme is not None:
-        return [recipe_from_text(scheme, segmenter, geodesic, settings)]
+    if schemes:
+        return layers_from_text(schemes, segmenter, geodesic, settings)
     names = scheme_names()
     if settings and len(names) > 1:
         from meshmark.errors import UsageError
@@ -155,6 +178,8 @@ class Request:
     authenticated: bool
     fpr: float
     trusted: bool
+    original: str | None
+    master: str | None
 
 
 def _names(recipients: Sequence[str]) -> list[str]:
@@ -188,6 +213,8 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
                 frames=request.frames,
                 authenticated=request.authenticated,
                 isolated=not request.trusted,
+                original=request.original,
+                master=request.master,
                 jobs=default_jobs(),
                 progress=tell,
             )
@@ -195,6 +222,7 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
         progress("read", source, 0, 1)
         asset = read(source, isolated=not request.trusted)
         progress("read", source, 1, 1)
+        original = None if request.original is None else read(request.original)
         return verify_asset(
             asset,
             secret,
@@ -202,9 +230,31 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
             recipients=request.recipients,
             frames=request.frames,
             fpr=request.fpr,
+            original=original,
+            master=None if original is None else _master(original, secret, request, tell),
             jobs=default_jobs(),
             progress=tell,
         )
+
+
+def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) -> Any:
+    """Read the master, or return what makes it again; None where no blind layer is tried."""
+    from meshmark.embedding.asset import embed
+    from meshmark.extension.recipe import default_layers
+    from meshmark.sources.reading import read
+    from meshmark.workers.ordered_map import default_jobs
+
+    if request.master is not None:
+        return read(request.master)
+    tried = {recipe.scheme for recipe in request.recipes}
+    blind = [each for each in default_layers() if not each.informed and each.scheme in tried]
+    if not blind:
+        return None
+
+    def made() -> Asset:
+        return embed(original, secret, recipe=blind, jobs=default_jobs(), progress=tell).asset
+
+    return made
 
 
 def _tell(verdict: Verdict, everything: bool) -> None:
@@ -239,6 +289,13 @@ def _tell_prim(prim: PrimVerdict, whose: bool) -> None:
         f"{prim.chips} chips in {len(prim.times)} frames, "
         f"BER avg {errors.average:.4f} max {errors.maximum:.4f}"
     )
+    if prim.informed is not None:
+        facts = prim.informed.facts
+        say(
+            f"    beside {facts.prim} of the original: log10 p {prim.informed.log10_p:.2f}, "
+            f"{100 * facts.covered:.0f} % of it covered, {facts.patches} chips read, "
+            f"off by {facts.residual:.1e} of the diagonal"
+        )
 
 
 def _names_of(recipients: Sequence[Named]) -> str:

@@ -2,48 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from meshmark.detection.extraction import extract
-from meshmark.errors import CapacityError, InputError, NoExtentError
+from meshmark.errors import CapacityError, InputError, MeshmarkError, NoExtentError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
-from meshmark.extension.recipe import Recipe
+from meshmark.extension.informed import InformedScheme, layout_frame
+from meshmark.extension.recipe import Recipe, in_order
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.precision import require_precision
 from meshmark.mesh.welding import Welding
+from meshmark.statistics.p_values import reachable_log10_p
 
 
-def inspect_asset(asset: Asset, recipe: Recipe) -> dict[str, Any]:
+def inspect_asset(asset: Asset, recipe: Recipe | Sequence[Recipe] | None = None) -> dict[str, Any]:
     """Describe an asset as `inspect --json` prints it.
 
     Parameters
     ----------
-    recipe : Recipe
-        The scheme that is to hold the mark; it is tried on the first frame.
+    recipe : Recipe or sequence of Recipe, optional
+        The schemes that are to hold the mark, by default `default_layers`; they are tried on the
+        first frame. A mesh can hold a mark if it can hold that of one of them.
 
     Returns
     -------
     dict
         JSON values; its schema is `schemas/json/inspect.schema.json`.
     """
+    layers = in_order(recipe)
     return {
         "source": asset.source,
         "reader": asset.reader,
         "up_axis": asset.up_axis,
         "meters_per_unit": asset.meters_per_unit,
         "fps": asset.fps,
-        "scheme": recipe.scheme,
+        "scheme": layers[0].scheme,
         "notes": list(asset.notes),
-        "prims": [_prim(animation, recipe) for animation in asset.meshes],
+        "prims": [_prim(animation, layers) for animation in asset.meshes],
     }
 
 
-def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
+def _prim(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
     bad = dict(bad_frames(animation))
     index = next((i for i in range(len(animation)) if i not in bad), next(iter(bad), 0))
     first = animation[index]
@@ -54,31 +58,58 @@ def _prim(animation: MeshAnimation, recipe: Recipe) -> dict[str, Any]:
         "faces": len(first.topology.counts),
         "constant_topology": animation.constant_topology,
         "notes": [*animation.notes, *_passed_over(bad.values())],
-        "can_hold": False,
-        "reason": None,
         "parts": 0,
-        "carriers": 0,
-        "chips": 0,
-        "reachable_log10_p": 0.0,
     }
     try:
         with breakdown_means_no_capacity():
-            entry["parts"] = count_parts(first, recipe)
+            entry["parts"] = count_parts(first, layers[0])
         _require_marking(animation, bad.values())
         entry["notes"] += require_precision(animation, first)
-        scheme = recipe.build()
-        sound = animation.select([i for i in range(len(animation)) if i not in bad])
+    except (CapacityError, InputError) as error:
+        return {**entry, **_refused(error), "layers": []}
+    sound = animation.select([i for i in range(len(animation)) if i not in bad])
+    tried = [_layer(animation, sound, index, recipe) for recipe in layers]
+    told = [{"scheme": recipe.scheme, **found} for recipe, found in zip(layers, tried, strict=True)]
+    best = next((found for found in tried if found["can_hold"]), tried[0])
+    return {**entry, **best, "layers": told}
+
+
+def _layer(
+    animation: MeshAnimation, sound: MeshAnimation, index: int, recipe: Recipe
+) -> dict[str, Any]:
+    """Foresee the mark of one scheme in frame `index`; `sound` has the frames that are fit."""
+    scheme = recipe.build()
+    try:
         with breakdown_means_no_capacity():
-            scheme.require_capacity(sound.map(Welding.of(first).frame), jobs=1)
+            if isinstance(scheme, InformedScheme):
+                return _held(1, scheme.layout(layout_frame(sound)[1]).n_chips)
+            welding = Welding.of(animation[index])
+            scheme.require_capacity(sound.map(welding.frame), jobs=1)
         evidence = extract(animation, scheme, recipe.scheme, frames=(index,))
     except (CapacityError, InputError) as error:
-        return {**entry, "reason": error.message}
+        return _refused(error)
+    return _held(evidence.carriers, evidence.chips, evidence.reachable_log10_p)
+
+
+def _held(carriers: int, chips: int, reachable: float | None = None) -> dict[str, Any]:
+    if reachable is None:
+        reachable = reachable_log10_p(np.ones((1, chips), dtype=bool), 1)
     return {
-        **entry,
         "can_hold": True,
-        "carriers": evidence.carriers,
-        "chips": evidence.chips,
-        "reachable_log10_p": evidence.reachable_log10_p,
+        "reason": None,
+        "carriers": carriers,
+        "chips": chips,
+        "reachable_log10_p": reachable,
+    }
+
+
+def _refused(error: MeshmarkError) -> dict[str, Any]:
+    return {
+        "can_hold": False,
+        "reason": error.message,
+        "carriers": 0,
+        "chips": 0,
+        "reachable_log10_p": 0.0,
     }
 
 

@@ -43,6 +43,7 @@ def studio(tmp_path_factory, creature: MeshAnimation) -> Path:
 def seven(studio) -> Path:
     """Return the first frame, marked for studio 7."""
     embed = ("embed", "creature.usdc", "-o", "seven.usdc", "--key", "k", "--frames", "1:1")
+    embed = (*embed, "--scheme", "apex")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(studio)
         assert command(patch, *embed, "--recipient", "studio 7") == 0
@@ -220,6 +221,7 @@ def test_a_dry_run_writes_nothing(run, studio) -> None:
 
 def test_two_runs_are_byte_equal(run, studio, seven, tmp_path) -> None:
     embed = ("embed", "creature.usdc", "--key", "k", "--frames", "1:1", "--recipient", "studio 7")
+    embed = (*embed, "--scheme", "apex")
     written = {path: path.read_bytes() for path in studio.glob("seven.usdc*")}
     assert len(written) == 2
     for path in written:

@@ -6,6 +6,7 @@ import pytest
 from meshmark.detection.verify import verify
 from meshmark.embedding.asset import embed
 from meshmark.errors import InputError
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
@@ -39,7 +40,7 @@ def again(animation, seed=0, copies=1):
 def test_several_copies_are_averaged():
     animation, rng = star(), np.random.default_rng(0)
     keys = [Key(rng.bytes(KEY_BYTES)) for _ in range(2)]
-    copies = [embed(animation, key).meshes[0].animation for key in keys]
+    copies = [embed(animation, key, recipe=Recipe()).meshes[0].animation for key in keys]
     mean = np.mean([copy[1].points for copy in copies], axis=0)
     np.testing.assert_allclose(again(animation, copies=2)[1].points, mean, atol=1e-7)
 
