@@ -55,12 +55,16 @@ class Original:
         return PoseSamples(self.animation)
 
     @cached_property
-    def _vertices(self) -> tuple[IntArray, FloatArray]:
-        """Some vertices, (m,), and where they are in the sampled poses, (K, m, 3)."""
+    def _vertices(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Some vertices, (m,), poses, (k,), and where the vertices are in them, (k, m, 3)."""
         used = np.unique(self.animation[0].faces)
         some = used[spread(len(used), PAIRS)]
-        poses = self.samples.poses
-        return some, np.stack([self.animation[int(k)].points[some] for k in poses])
+        poses = self.samples.poses.astype(np.float64)
+        where = np.stack([self.animation[int(k)].points[some] for k in poses])
+        # Halfway between two frames, a third may be nearer than either.
+        between = 0.5 * (where[1:] + where[:-1])
+        poses = np.concatenate([poses, 0.5 * (poses[1:] + poses[:-1])])
+        return some, poses, np.concatenate([where, between])
 
     def pose_of(self, frame: CopyFrame) -> float | None:
         """Find the sampled pose that resembles a frame of the same vertices most.
@@ -70,13 +74,12 @@ class Original:
         float or None
             None if the frame has too few of them.
         """
-        some, where = self._vertices
+        some, poses, where = self._vertices
         slot = np.minimum(np.searchsorted(frame.vertices, some), len(frame.vertices) - 1)
         there = frame.vertices[slot] == some
         if there.sum() < 4:
             return None
-        at = int(misfits(frame.points[slot[there]], where[:, there]).argmin())
-        return float(self.samples.poses[at])
+        return float(poses[misfits(frame.points[slot[there]], where[:, there]).argmin()])
 
     def surface_samples(self, pose: float, n: int) -> FloatArray:
         """Spread points over the surface in a pose, (n, 3)."""

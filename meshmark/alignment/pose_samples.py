@@ -93,9 +93,10 @@ class PoseSamples:
         normals = (1.0 - share) * self.normals[at] + share * self.normals[at + 1]
         return (1.0 - share) * low + share * high, normalized(normals), (high - low) / gap
 
-    def nearest(self, X: FloatArray) -> int:
-        """Find the pose that points X (m, 3) in the original's space are nearest to."""
-        return int(np.argmin([self.misfit(X, at) for at in range(len(self.poses))]))
+    def nearest(self, X: FloatArray, count: int) -> list[float]:
+        """List so many poses that points X (m, 3) in the original's space are nearest to."""
+        misfits = np.array([self.misfit(X, at) for at in range(len(self.poses))])
+        return [float(k) for k in self.poses[np.argsort(misfits, kind="stable")[:count]]]
 
 
 class Moments:

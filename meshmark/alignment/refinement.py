@@ -15,6 +15,8 @@ from meshmark.mesh.geometry import lengths
 
 # Steps, as shares of the diagonal and of a frame, below which it has converged.
 STILL, STILL_POSE = 1e-7, 1e-4
+# So are steps that are this share of the distances: what is left of them is chance.
+CHANCE = 2e-3
 # The farthest turn, growth and shift of one step.
 LEAP = 0.3
 # A pose so near to a frame is that frame.
@@ -124,7 +126,7 @@ class Refinement:
         whole = self._converge(Placement(start.A, float(round(start.pose))), rounds, False)
         if abs(self._converge(whole, 1, True).pose - whole.pose) < SNAP:
             return whole
-        found = self._converge(whole, rounds, True)
+        found = self._converge(start, rounds, True)
         if 0 < abs(found.pose - round(found.pose)) < SNAP:
             found = self._converge(Placement(found.A, float(round(found.pose))), rounds, False)
         return found
@@ -141,10 +143,13 @@ class Refinement:
         for _ in range(rounds):
             X = placement(self._P)
             match = matcher.match(X)
-            step = self._step(X, match, self._agree(placement, match), free_pose)
+            step, scale = self._step(X, match, self._agree(placement, match), free_pose)
             before = placement.pose
             placement = self._moved(placement, step)
-            if np.abs(step[:7]).max() < STILL and abs(placement.pose - before) < STILL_POSE:
+            if (
+                np.abs(step[:7]).max() < max(STILL, CHANCE * scale)
+                and abs(placement.pose - before) < STILL_POSE
+            ):
                 break
             if placement.pose != before:
                 matcher = self._matcher_at(placement.pose)
@@ -158,8 +163,15 @@ class Refinement:
 
     def _step(
         self, X: FloatArray, match: Match, agree: NDArray[np.bool_], free_pose: bool
-    ) -> FloatArray:
-        """Solve for turn (3), log of scale, translation (3), in diagonals, and pose."""
+    ) -> tuple[FloatArray, float]:
+        """Solve for turn (3), log of scale, translation (3), in diagonals, and pose.
+
+        Returns
+        -------
+        step : (8,) float64
+        scale : float
+            Of the distances, in diagonals.
+        """
         gap = (X - match.points) / self._diagonal
         y = (X - self._centre) / self._diagonal
         n = match.normals
@@ -182,7 +194,7 @@ class Refinement:
         step = np.zeros(8)
         step[:k] = -np.linalg.lstsq(H[:k, :k] / np.outer(size, size), g[:k] / size, 1e-9)[0] / size
         step[:7] /= max(1.0, float(np.abs(step[:7]).max()) / LEAP)
-        return step
+        return step, scale
 
     def _moved(self, placement: Placement, step: FloatArray) -> Placement:
         from scipy.spatial.transform import Rotation

@@ -17,6 +17,7 @@ from meshmark.alignment.matching import ByClosestPoint, ByIdentity, BySamples, M
 from meshmark.alignment.original import Original
 from meshmark.alignment.placement import FramePlacement
 from meshmark.alignment.pose_samples import spread
+from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import robust_similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
 from meshmark.alignment.robust import TUKEY, scale_of
@@ -47,6 +48,8 @@ WELL, WHOLE = 1e-3, 0.97
 SLIDES = 0.1
 # Distances in single precision.
 ROUNDING = 1e-7
+# Poses that a frame near to a known placement may start from.
+POSES = 4
 # Frames that are tried before nothing fits, and separate surfaces of a frame.
 TRIED, PARTS = 3, 4
 # Rough placements that are told apart, and made exact.
@@ -204,9 +207,9 @@ class Search:
         samples = self._original.samples
         # Vertices: a large plane that was joined has much area, but few of them.
         some = frame.some(ROUGH)
-        pose = float(samples.poses[samples.nearest(start(some.points))])
-        rough = self._rough(some, Placement(start.A, pose), REACH)
-        return self._exact(frame, rough.placement)
+        poses = samples.nearest(start(some.points), POSES)
+        rough = [self._rough(some, Placement(start.A, pose), REACH) for pose in poses]
+        return self._exact(frame, min(rough, key=_misfit).placement)
 
     def _by_identity(self, frame: CopyFrame) -> Fit | None:
         original = self._original
@@ -214,7 +217,7 @@ class Search:
         if pose is None:
             return None
         some = frame.some(EXACT)
-        there = original.animation[int(pose)].points[some.vertices]
+        there = posed(original.animation, pose).points[some.vertices]
         start = Placement(robust_similarity(some.points, there), pose)
         apart = np.linalg.norm(start(some.points) - there, axis=1) / original.diagonal
         if not np.quantile(apart, KEPT) < 2.0 * FITS_PAIRED:

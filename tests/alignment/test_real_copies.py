@@ -55,6 +55,14 @@ def test_copies_of_a_cow_are_placed(
     np.testing.assert_allclose([frame.pose for frame in found.frames], [7.0, 21.0], atol=1e-3)
 
 
+def test_frames_between_those_of_a_fast_gallop_are_found(horse: MeshAnimation) -> None:
+    copy = make_attack("speed", factor=1.25).apply(horse, np.random.default_rng(1))
+    found = align_mesh(copy, horse, range(0, len(copy), 3))
+    # Frames 37 and 38 are far from their blend.
+    assert 30 in [frame.index for frame in found.frames]
+    assert max(frame.residual for frame in found.frames) < 1e-6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 def test_cropped_copies_are_placed(horse: MeshAnimation, share: float) -> None:
