@@ -61,6 +61,8 @@ def soft_chips(basis: Basis, height: float, r: FloatArray, count: FloatArray) ->
         sigma = _noise(left, count[known], height)
         share = information / (information + lam)
         power = max(LEAST_POWER, float((w**2).sum() / (share).sum()))
+    if not w.any():
+        return w
     rms = np.sqrt((w**2).sum() / share.sum())
     return np.clip(w / (CERTAIN * rms), -1.0, 1.0)
 
