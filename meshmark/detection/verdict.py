@@ -211,43 +211,66 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
     bounds p = min(1, 1 / E) are at hand: max(1, E) has a mean of at most 2, and the product of two
     of at most 4.
     """
-    by_prim = {prim.prim: prim for prim in blind.prims}
-    for prim in informed.prims:
-        other = by_prim.get(prim.prim)
-        if other is None:
-            by_prim[prim.prim] = prim
-            continue
-        log10_p = _product(other, prim)
-        best = min(other, prim, key=lambda each: each.log10_p)
-        by_prim[prim.prim] = replace(
-            best,
-            log10_p=log10_p,
-            verdict="marked" if log10_p <= np.log10(fpr) else prim.verdict,
-            recipients=best_of_each((*other.recipients, *prim.recipients)),
-            informed=prim.informed,
-        )
-    strongest = min(blind.prims, key=lambda prim: prim.log10_p, default=None)
-    log10_p = min(0.0, informed.log10_p + QUADRUPLE + _multipliable(strongest))
-    marked = log10_p <= np.log10(fpr)
-    recipients = best_of_each((*blind.recipients, *informed.recipients))
+    log10_fpr = float(np.log10(fpr))
+    alone = {prim.prim: prim for prim in blind.prims}
+    beside = {prim.prim: prim for prim in informed.prims}
+    prims = tuple(
+        _joint_prim(alone.get(name), beside.get(name), log10_fpr) for name in {**alone, **beside}
+    )
+    log10_p = _product(_strongest(blind), _strongest(informed))
+    answer = _answer(log10_p, informed.verdict, log10_fpr)
+    names = _named((*blind.recipients, *informed.recipients), log10_fpr)
+    recipients = names if answer == "marked" else ()
     return replace(
         informed,
-        verdict="marked" if marked else informed.verdict,
+        verdict=answer,
         log10_p=log10_p,
-        recipient=recipients[0].recipient if marked and recipients else None,
-        prims=tuple(by_prim.values()),
+        recipient=recipients[0].recipient if recipients else None,
+        prims=prims,
         notes=tuple(dict.fromkeys((*blind.notes, *informed.notes))),
-        recipients=recipients if marked else (),
+        recipients=recipients,
     )
 
 
-def _product(blind: PrimVerdict, informed: PrimVerdict) -> float:
-    return min(0.0, informed.log10_p + QUADRUPLE + _multipliable(blind))
+def _joint_prim(
+    blind: PrimVerdict | None, informed: PrimVerdict | None, log10_fpr: float
+) -> PrimVerdict:
+    """Join what one mesh says by itself with what it says beside its original."""
+    both = [prim for prim in (blind, informed) if prim is not None]
+    log10_p = _product(blind, informed)
+    return replace(
+        min(both, key=lambda prim: prim.log10_p),
+        log10_p=log10_p,
+        verdict=_answer(log10_p, both[-1].verdict, log10_fpr),
+        recipients=_named((named for prim in both for named in prim.recipients), log10_fpr),
+        informed=None if informed is None else informed.informed,
+    )
+
+
+def _strongest(verdict: Verdict) -> PrimVerdict | None:
+    return min(verdict.prims, key=lambda prim: prim.log10_p, default=None)
+
+
+def _product(blind: PrimVerdict | None, informed: PrimVerdict | None) -> float:
+    return min(0.0, QUADRUPLE + _multipliable(blind) + _multipliable(informed))
 
 
 def _multipliable(prim: PrimVerdict | None) -> float:
     """Return a bound of which e-values can be made; of few chips p is exact, which it is not."""
     return 0.0 if prim is None or prim.chips <= MAX_EXACT_CHIPS else prim.log10_p
+
+
+def _answer(log10_p: float, otherwise: Answer, log10_fpr: float) -> Answer:
+    """Answer by the joint p; what was marked before it was corrected is not marked."""
+    if log10_p <= log10_fpr:
+        return "marked"
+    return "not marked" if otherwise == "marked" else otherwise
+
+
+def _named(named: Iterable[Named], log10_fpr: float) -> tuple[Named, ...]:
+    """Keep those whose p still bears it when it is corrected like the product."""
+    corrected = (replace(one, log10_p=min(0.0, one.log10_p + QUADRUPLE)) for one in named)
+    return best_of_each(one for one in corrected if one.log10_p <= log10_fpr)
 
 
 def best_of_each(named: Iterable[Named]) -> tuple[Named, ...]:
