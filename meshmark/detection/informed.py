@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.alignment.align import align
+from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
@@ -90,6 +90,23 @@ def gather_informed(
             except CapacityError as error:
                 notes.append(f"{found.original.prim}: {recipe.scheme}: {error.message}")
     return InformedEvidence(tuple(items), tuple(notes))
+
+
+def extract_informed(
+    copy: MeshAnimation, original: MeshAnimation, scheme: InformedScheme, scheme_name: str
+) -> Evidence:
+    """Measure all frames of one mesh against its original by one scheme.
+
+    Raises
+    ------
+    AlignmentError
+        If the copy does not lie on the original.
+    CapacityError
+        If the original is too small.
+    """
+    found = align_mesh(copy, original, range(len(copy)))
+    with one_thread():
+        return _Reading.of(found, (original,), scheme).evidence(scheme_name, None)
 
 
 def _masters(original: Asset, master: Asset) -> dict[str, tuple[MeshAnimation, ...]]:

@@ -1,7 +1,8 @@
 """Conformance suites a plugin author subclasses, and meshes to test on.
 
-`AttackSuite`, `BinnedSchemeSuite`, `GeodesicSolverSuite`, `ReaderSuite`, `SchemeSuite` and
-`SegmenterSuite` need pytest, which is imported only when one of them is asked for.
+`AttackSuite`, `BinnedSchemeSuite`, `GeodesicSolverSuite`, `InformedSchemeSuite`, `ReaderSuite`,
+`SchemeSuite` and `SegmenterSuite` need pytest, which is imported only when one of them is asked
+for.
 """
 
 import lazy_loader

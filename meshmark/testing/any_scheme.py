@@ -1,4 +1,4 @@
-"""What the suites of both kinds of scheme share: the record, and that a mark is found blindly."""
+"""What the suites of all kinds of schemes share: the record, and how a mark is found."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from meshmark.detection.extraction import extract
 from meshmark.detection.significance import judge
 from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.extension.hookspecs import HELPERS, BinnedScheme, Scheme, SchemeRecord
+from meshmark.extension.informed import InformedScheme
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.testing.meshes import Mesh
@@ -23,10 +24,10 @@ CHANCE = -3.0
 
 
 class AnySchemeSuite:
-    """Checks what schemes of both kinds have in common."""
+    """Checks what schemes of all kinds have in common."""
 
     @pytest.fixture
-    def scheme(self) -> Scheme | BinnedScheme:
+    def scheme(self) -> Scheme | BinnedScheme | InformedScheme:
         """Offer the scheme under test."""
         raise NotImplementedError("override the fixture `scheme`")
 
@@ -55,6 +56,37 @@ class AnySchemeSuite:
         assert record.version
 
 
+class PlanningSchemeSuite(AnySchemeSuite):
+    """Checks what schemes have in common that mark an animation by one plan."""
+
+    @pytest.fixture
+    def highest_log10_p(self) -> float:
+        """Log10 p that the key's own mark must come below."""
+        return -6.0
+
+    def test_another_key_another_mark(
+        self, scheme: Scheme | InformedScheme, animation: MeshAnimation
+    ) -> None:
+        """Marks tell their keys, and the copies of different recipients, apart."""
+        single = animation.select([0])
+        one, two, three = (
+            embed_animation(single, scheme, NAME, key, recipient=recipient).animation[0].points
+            for key, recipient in ((KEY, None), (OTHER, None), (KEY, "somebody else"))
+        )
+        assert np.any(one != two)
+        assert np.any(one != three)
+
+    def test_equal_keys_give_equal_marks_by_any_number_of_workers(
+        self, scheme: Scheme | InformedScheme, animation: MeshAnimation
+    ) -> None:
+        """Nothing but the key and the animation decides, to the last bit."""
+        one, two = (
+            embed_animation(animation, scheme, NAME, KEY, jobs=jobs).animation for jobs in (1, 2)
+        )
+        for alone, shared in zip(one, two, strict=True):
+            np.testing.assert_array_equal(alone.points, shared.points)
+
+
 def needed(record: SchemeRecord, parts: dict[str, Any]) -> dict[str, Any]:
     """Return the parts that a record's factory is called with."""
     assert set(record.needs) <= set(HELPERS)
@@ -70,16 +102,21 @@ def assert_found_blindly(
     """
     embedded = embed_animation(animation, scheme, NAME, KEY)
     leaked = embedded.animation.map(rounded)
-    for before, after in zip(animation, leaked, strict=True):
-        assert after.topology.same_as(before.topology)
-        assert np.all(np.isfinite(after.points))
-        assert np.any(after.points != before.points.astype(np.float32))
+    assert_moved(animation, leaked)
     evidence = extract(leaked, scheme, NAME)
     assert judge(evidence, KEY).log10_p < highest_log10_p
     assert judge(evidence, OTHER).log10_p > CHANCE
     assert judge(evidence, KEY, "somebody else").log10_p > CHANCE
     assert judge(extract(animation, scheme, NAME), KEY).log10_p > CHANCE
     return embedded
+
+
+def assert_moved(animation: MeshAnimation, leaked: MeshAnimation) -> None:
+    """Fail unless every frame has the faces it had, and vertices in other places."""
+    for before, after in zip(animation, leaked, strict=True):
+        assert after.topology.same_as(before.topology)
+        assert np.all(np.isfinite(after.points))
+        assert np.any(after.points != before.points.astype(np.float32))
 
 
 def rounded(frame: Frame) -> Frame:

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import logsumexp
 
 from meshmark.arrays import IntArray
-from meshmark.embedding.mesh import embed_animation, plan_marking
+from meshmark.embedding.mesh import plan_marking
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.hookspecs import SchemeRecord
@@ -31,8 +31,7 @@ from meshmark.metrics.faces import flipped_faces
 from meshmark.testing.any_scheme import (
     KEY,
     NAME,
-    OTHER,
-    AnySchemeSuite,
+    PlanningSchemeSuite,
     assert_found_blindly,
     needed,
     rounded,
@@ -60,18 +59,13 @@ def needle() -> Mesh:
     return np.outer([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-class SchemeSuite(AnySchemeSuite):
+class SchemeSuite(PlanningSchemeSuite):
     """Checks the contract of one scheme; override `scheme`, and what else differs."""
 
     @pytest.fixture
     def animation(self) -> MeshAnimation:
         """Offer an animation that can be marked, of four frames or more."""
         return galloping()
-
-    @pytest.fixture
-    def highest_log10_p(self) -> float:
-        """Log10 p that the key's own mark must come below."""
-        return -6.0
 
     @pytest.fixture
     def frame(self, animation: MeshAnimation) -> Frame:
@@ -160,26 +154,6 @@ class SchemeSuite(AnySchemeSuite):
             np.testing.assert_array_equal(frame.points, before[t])
             marked = rounded(frame.moved(frame.points + moves[t]))
             assert flipped_faces(frame.points, marked.points, frame.faces) == 0
-
-    def test_another_key_another_mark(self, scheme: Scheme, animation: MeshAnimation) -> None:
-        """Marks tell their keys, and the copies of different recipients, apart."""
-        single = animation.select([0])
-        one, two, three = (
-            embed_animation(single, scheme, NAME, key, recipient=recipient).animation[0].points
-            for key, recipient in ((KEY, None), (OTHER, None), (KEY, "somebody else"))
-        )
-        assert np.any(one != two)
-        assert np.any(one != three)
-
-    def test_equal_keys_give_equal_marks_by_any_number_of_workers(
-        self, scheme: Scheme, animation: MeshAnimation
-    ) -> None:
-        """Nothing but the key and the animation decides, to the last bit."""
-        one, two = (
-            embed_animation(animation, scheme, NAME, KEY, jobs=jobs).animation for jobs in (1, 2)
-        )
-        for alone, shared in zip(one, two, strict=True):
-            np.testing.assert_array_equal(alone.points, shared.points)
 
     def test_what_can_be_marked_is_not_refused(
         self, scheme: Scheme, animation: MeshAnimation

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from meshmark.extension.registry import RegisteredPlugin
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import dumbbell
+
+if TYPE_CHECKING:
+    from meshmark.extension.informed import InformedScheme
 
 
 def check_plugin(offer: RegisteredPlugin) -> list[str]:
@@ -60,13 +64,33 @@ def _geodesic(offer: RegisteredPlugin) -> list[str]:
 
 def _scheme(offer: RegisteredPlugin) -> list[str]:
     from meshmark.detection.extraction import extract
-    from meshmark.extension.binned_scheme import as_scheme
     from meshmark.extension.recipe import Recipe
 
-    scheme = as_scheme(offer.record.factory(**Recipe(offer.name).build_helpers()))
+    recipe = Recipe(offer.name)
+    scheme = recipe.build()
+    if recipe.informed:
+        return _informed_scheme(scheme, offer.name)
     evidence = extract(_animation(), scheme, offer.name)
     if evidence.n_chips != scheme.n_chips:
         return [f"a carrier has {evidence.n_chips} chips, not {scheme.n_chips}"]
+    return []
+
+
+def _informed_scheme(scheme: InformedScheme, name: str) -> list[str]:
+    from meshmark.detection.informed import extract_informed
+    from meshmark.mesh.welding import Welding
+
+    original = _animation(points=3000)
+    layout = scheme.layout(Welding.of(original[0]).frame(original[0]))
+    if layout.owner.shape != (layout.n_chips,):
+        return [f"the owner's chips are {layout.owner.shape}, not ({layout.n_chips},)"]
+    # A copy that was noised: there is something to be seen.
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0.0, 1e-4 * np.ptp(original[0].points), original[0].points.shape)
+    copy = original.map(lambda frame: frame.moved(frame.points + noise))
+    evidence = extract_informed(copy, original, scheme, name)
+    if evidence.n_chips != layout.n_chips:
+        return [f"a copy shows {evidence.n_chips} chips, not {layout.n_chips}"]
     return []
 
 
@@ -82,10 +106,10 @@ def _attack(offer: RegisteredPlugin) -> list[str]:
     return problems
 
 
-def _animation() -> MeshAnimation:
+def _animation(points: int = 7000) -> MeshAnimation:
     from meshmark.demo import creature
 
-    return creature(frames=2)
+    return creature(points=points, frames=2)
 
 
 _CHECKS: dict[str, Callable[[RegisteredPlugin], list[str]]] = {

@@ -9,12 +9,14 @@ import pytest
 
 from meshmark.extension.carrier import Observation
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.informed import InformedScheme, signs_of
 from meshmark.extension.interfaces import BinnedScheme, Scheme
 from meshmark.extension.recipe import Recipe, SolverFactory
 from meshmark.extension.registry import catalogue
-from meshmark.testing import BinnedSchemeSuite, SchemeSuite
+from meshmark.testing import BinnedSchemeSuite, InformedSchemeSuite, SchemeSuite
 from meshmark.testing.any_scheme import NAME, OTHER
 from meshmark.testing.binned_schemes import swaying
+from meshmark.testing.informed_schemes import assert_rare, horned
 from meshmark.testing.schemes import analysed, assert_alike, galloping
 
 
@@ -68,6 +70,10 @@ class TestApex(BuiltIn, SchemeSuite):
     @pytest.fixture
     def tolerance(self):
         return 1e-9
+
+
+class TestRelief(BuiltIn, InformedSchemeSuite):
+    name = "relief"
 
 
 def backwards(scheme):
@@ -134,6 +140,48 @@ def test_the_suite_of_schemes_sees_a_mark_that_cannot_be_found() -> None:
     scheme.plan = lambda animation, _, **given: plan(animation, words, **given)
     with pytest.raises(AssertionError):
         suite.test_a_mark_is_found_blindly_by_its_key_alone(scheme, one, -6.0)
+
+
+def looking(look) -> InformedScheme:
+    """Return relief with what it sees in a view changed."""
+    scheme = Recipe("relief").build()
+    observe = scheme.observe
+    scheme.observe = lambda view, layout, treatment: look(observe(view, layout, treatment), view)
+    return scheme
+
+
+def test_the_suite_of_informed_schemes_sees_evidence_out_of_range() -> None:
+    suite, frame = InformedSchemeSuite(), analysed(horned())[0]
+    with pytest.raises(AssertionError):
+        suite.test_sightings_are_sound(looking(overconfident), frame)
+    with pytest.raises(AssertionError):
+        suite.test_sightings_are_sound(
+            looking(lambda seen, _: replace(seen, soft=1.1 * np.ones_like(seen.soft))), frame
+        )
+
+
+def test_the_suite_of_informed_schemes_sees_evidence_that_hangs_on_the_order() -> None:
+    suite, frame = InformedSchemeSuite(), analysed(horned())[0]
+    by_order = looking(lambda seen, view: replace(seen, soft=seen.soft * np.cos(view.points[0, 0])))
+    with pytest.raises(AssertionError, match="Not equal to tolerance"):
+        suite.test_order_changes_nothing(by_order, frame, 1e-6)
+
+
+def test_the_suite_of_informed_schemes_sees_a_mark_that_cannot_be_found() -> None:
+    scheme = Recipe("relief").build()
+    plan = scheme.plan
+    scheme.plan = lambda animation, layout, signs, *, jobs: plan(
+        animation, layout, signs_of(OTHER, NAME, layout, None), jobs=jobs
+    )
+    suite, one = InformedSchemeSuite(), horned().select([0])
+    with pytest.raises(AssertionError):
+        suite.test_a_mark_is_found_beside_the_original_by_its_key_alone(scheme, one, -6.0)
+
+
+def test_the_suite_of_informed_schemes_sees_that_too_many_random_words_fit() -> None:
+    assert_rare(np.log10(np.linspace(1e-3, 1.0, 1000)), (0.1, 0.01))
+    with pytest.raises(AssertionError):
+        assert_rare(np.log10(np.linspace(1e-3, 0.5, 1000)), (0.1, 0.01))
 
 
 def test_carriers_may_stand_in_another_order_but_not_elsewhere() -> None:
