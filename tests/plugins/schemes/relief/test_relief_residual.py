@@ -1,0 +1,139 @@
+"""Residual heights: what was laid on is measured, what honest programs do is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meshmark.extension.informed import AlignedFrame
+from meshmark.mesh.animation import Frame
+from meshmark.mesh.geometry import surface_box, vertex_normals
+from meshmark.mesh.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.topology import Topology
+from meshmark.testing.informed_schemes import HORNS
+from meshmark.testing.meshes import bumpy_sphere, icosphere
+from meshmark_plugins.schemes.relief.basis import Basis
+from meshmark_plugins.schemes.relief.residual import heights
+from meshmark_plugins.schemes.relief.scheme import Relief
+
+
+def frame_of(mesh) -> Frame:
+    V, F = mesh
+    return Frame(1.0, V, Topology.from_triangles(F, len(V)))
+
+
+SPHERE, HORNED = frame_of(icosphere(4)), frame_of(bumpy_sphere(4, HORNS, 1.0, 0.35))
+
+
+def size(frame: Frame) -> float:
+    return surface_box(frame.points, frame.faces)[0]
+
+
+@pytest.fixture(scope="module")
+def reliefs():
+    """Heights of a random word, 1e-4 of the diagonal, on the sphere and the horned ball."""
+    found = {}
+    for name, frame in (("sphere", SPHERE), ("horned", HORNED)):
+        basis = Basis.of(frame.points, frame.faces)
+        w = np.random.default_rng(0).choice((-1.0, 1.0), basis.n_chips)
+        found[name] = 1e-4 * size(frame) * basis.heights(w)
+    return found
+
+
+def raised(frame: Frame, f) -> np.ndarray:
+    return frame.points + f[:, None] * vertex_normals(frame.points, frame.faces)
+
+
+def view(frame: Frame, points, motion=None) -> AlignedFrame:
+    motion = np.zeros_like(frame.points) if motion is None else motion
+    return AlignedFrame(frame, motion, points, vertex_normals(points, frame.faces))
+
+
+def likeness(found, f) -> float:
+    return float(np.corrcoef(found.value, f)[0, 1])
+
+
+def test_a_height_known_in_closed_form_is_measured() -> None:
+    V, d = SPHERE.points, size(SPHERE)
+    # A harmonic of degree 6, which no affine map makes.
+    angle = np.arctan2(V[:, 1], V[:, 0])
+    f = 1e-4 * d * (V[:, 0] ** 2 + V[:, 1] ** 2) ** 3 * np.cos(6.0 * angle)
+    found = heights(view(SPHERE, V * (1.0 + f[:, None])))
+    assert likeness(found, f) > 0.98
+    assert found.value @ f / (f @ f) == pytest.approx(1.0, abs=0.1)
+    assert found.count.sum() == pytest.approx(len(V))
+
+
+@pytest.mark.parametrize("name", ["sphere", "horned"])
+def test_a_relief_is_measured(name, reliefs) -> None:
+    frame, f = {"sphere": SPHERE, "horned": HORNED}[name], reliefs[name]
+    found = heights(view(frame, raised(frame, f)))
+    assert likeness(found, f) > 0.9
+    assert found.deviation == pytest.approx(1e-4 * size(frame), rel=0.25)
+
+
+def test_an_affine_misalignment_is_taken_out(reliefs) -> None:
+    rng, d = np.random.default_rng(1), size(SPHERE)
+    A, b = np.eye(3) + 1e-3 * rng.normal(size=(3, 3)), 1e-3 * d * rng.normal(size=3)
+    # As large as ten reliefs; of the unmarked copy hardly anything is left.
+    bare = heights(view(SPHERE, SPHERE.points @ A.T + b))
+    assert bare.deviation < 0.1 * 1e-4 * d
+    marked = heights(view(SPHERE, raised(SPHERE, reliefs["sphere"]) @ A.T + b))
+    assert likeness(marked, reliefs["sphere"]) > 0.9
+
+
+def test_motion_is_taken_out(reliefs) -> None:
+    # A pose a tenth of a frame off: a bulge that grows, of no affine map.
+    motion = np.exp(-8.0 * ((SPHERE.points - (0.0, 0.0, 1.0)) ** 2).sum(axis=1))[:, None]
+    motion = 0.02 * motion * SPHERE.points
+    points = raised(SPHERE, reliefs["sphere"]) + 0.1 * motion
+    assert likeness(heights(view(SPHERE, points, motion)), reliefs["sphere"]) > 0.9
+    assert likeness(heights(view(SPHERE, points)), reliefs["sphere"]) < 0.9
+
+
+@pytest.mark.parametrize("steps", [1, 5, 20, 50])
+def test_steps_of_smoothing_are_taken_out_by_a_smoothed_reference(steps, reliefs) -> None:
+    L = polygon_umbrella(HORNED.topology)
+    bare = smooth(HORNED.points, L, steps)
+    copy = smooth(raised(HORNED, reliefs["horned"]), L, steps)
+    left = np.einsum("ij,ij->i", copy - bare, vertex_normals(bare, HORNED.faces))
+    found = heights(view(HORNED, copy), steps)
+    assert likeness(found, left) > 0.8
+    assert heights(view(HORNED, bare), steps).deviation < 1e-6 * size(HORNED)
+
+
+def test_the_steps_are_found_without_the_key() -> None:
+    frame = frame_of(bumpy_sphere(3, HORNS, 1.0, 0.35))
+    relief, L = Relief(), polygon_umbrella(frame.topology)
+    layout = relief.layout(frame)
+    for steps in (0, 1, 6, 20, 50):
+        copy = smooth(frame.points, L, steps)
+        # As near as those steps are to each other that are tried.
+        assert relief.treatment([view(frame, copy)], layout) == pytest.approx(steps, rel=0.25)
+
+
+def test_vertices_on_something_else_are_left_aside(reliefs) -> None:
+    copy = raised(SPHERE, reliefs["sphere"])
+    top = SPHERE.points[:, 2] > 0.6
+    copy[top] *= 1.5
+    found = heights(view(SPHERE, copy))
+    assert (found.count[SPHERE.points[:, 2] > 0.8] == 0.0).all()
+    assert (found.value[found.count == 0.0] == 0.0).all()
+    low = SPHERE.points[:, 2] < 0.5
+    assert np.corrcoef(found.value[low], reliefs["sphere"][low])[0, 1] > 0.85
+
+
+def test_a_copy_inside_out_says_the_same(reliefs) -> None:
+    seen = view(SPHERE, raised(SPHERE, reliefs["sphere"]))
+    one, two = heights(seen), heights(replace(seen, normals=-seen.normals))
+    np.testing.assert_array_equal(one.value, two.value)
+
+
+def test_too_few_vertices_say_nothing() -> None:
+    seen = view(SPHERE, SPHERE.points * 1.0001)
+    few = replace(seen, points=seen.points[:20], normals=seen.normals[:20])
+    found = heights(few)
+    assert not found.count.any()
+    assert not found.value.any()
