@@ -1,0 +1,111 @@
+"""Informed evidence: what is read beside what, and what is refused or left open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meshmark import verify
+from meshmark.detection.decision import decide
+from meshmark.detection.informed import gather_informed
+from meshmark.detection.significance import judge
+from meshmark.embedding.asset import embed
+from meshmark.errors import UsageError
+from meshmark.extension.recipe import Recipe
+from meshmark.keys import Key
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, as_asset
+from meshmark.testing.informed_schemes import horned
+from meshmark.testing.meshes import bent_tube, icosphere, torus
+
+KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))
+RELIEF = [Recipe("relief")]
+
+
+def mesh(shape, prim="/A", shift=0.0) -> MeshAnimation:
+    V, F = shape
+    return MeshAnimation.from_arrays(V + shift, F, prim=prim)
+
+
+@pytest.fixture(scope="module")
+def copy() -> Asset:
+    return embed(horned(), KEY, recipe=RELIEF).asset
+
+
+def asset(*meshes: MeshAnimation) -> Asset:
+    return Asset("several.usda", meshes, "memory")
+
+
+def test_evidence_tells_how_the_copy_lies(copy) -> None:
+    [item] = gather_informed(copy, as_asset(horned()), RELIEF).items
+    facts = item.informed
+    assert facts is not None
+    assert (facts.prim, facts.method, facts.poses) == ("/Horns", "identity", (0.0, 1.0, 2.0))
+    assert facts.covered > 0.99
+    assert facts.residual < 2e-4
+    assert 0 < facts.patches <= item.n_chips
+    assert judge(item, KEY).log10_p < -20
+
+
+def test_a_copy_of_something_else_is_inconclusive() -> None:
+    tube = as_asset(mesh(bent_tube(24, 40)))
+    found = gather_informed(tube, as_asset(horned()), RELIEF)
+    assert found.items == ()
+    [note] = found.notes
+    assert "/Horns" in note
+    for key in (KEY, OTHER):
+        verdict = decide("tube.usda", found.items, key, notes=found.notes)
+        assert (verdict.verdict, verdict.log10_p) == ("inconclusive", 0.0)
+        assert verdict.notes == found.notes
+
+
+def test_an_original_too_small_is_noted_not_judged() -> None:
+    small = mesh(icosphere(1))
+    found = gather_informed(as_asset(small), as_asset(small), RELIEF)
+    assert found.items == ()
+    assert "chips" in " ".join(found.notes)
+    assert verify(small, KEY, recipes=RELIEF, original=small).verdict == "inconclusive"
+
+
+def test_another_key_and_the_original_itself_are_not_marked(copy) -> None:
+    assert verify(copy, KEY, recipes=RELIEF, original=horned()).verdict == "marked"
+    assert verify(copy, OTHER, recipes=RELIEF, original=horned()).verdict == "not marked"
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(horned()[0].topology.n_points, 3))
+    bare = horned().map(lambda frame: frame.moved(frame.points + noise))
+    assert verify(bare, KEY, recipes=RELIEF, original=horned()).verdict == "not marked"
+
+
+def test_every_mesh_of_the_original_is_read_where_it_lies() -> None:
+    torus_, tube = mesh(torus(40, 20), "/Torus"), mesh(bent_tube(24, 40), "/Tube", 3.0)
+    marked = embed(asset(torus_, tube), KEY, recipe=RELIEF).asset
+    turned = asset(*marked.meshes[::-1])
+    verdict = verify(turned, KEY, recipes=RELIEF, original=asset(torus_, tube))
+    assert verdict.verdict == "marked"
+    facts = {prim.prim: prim.informed.facts.prim for prim in verdict.prims if prim.informed}
+    assert facts == {"/Torus": "/Torus", "/Tube": "/Tube"}
+
+
+def test_a_master_must_be_made_from_the_original(copy) -> None:
+    original = as_asset(horned())
+    frames = as_asset(horned().select([0, 1]))
+    other_faces = as_asset(mesh(icosphere(2), "/Horns"))
+    for wrong in (frames, other_faces):
+        with pytest.raises(UsageError, match="the master has other frames or faces"):
+            gather_informed(copy, original, RELIEF, master=wrong)
+    elsewhere = as_asset(replace(horned(), prim="/Elsewhere"))
+    with pytest.raises(UsageError, match="the master has no mesh of the original"):
+        gather_informed(copy, original, RELIEF, master=elsewhere)
+    assert gather_informed(copy, original, RELIEF, master=original).items
+
+
+def test_a_master_is_a_hypothesis_beside_the_original(copy) -> None:
+    original = as_asset(horned())
+    alone, beside = (
+        gather_informed(copy, original, RELIEF, master=master).items[0].variants[0]
+        for master in (None, original)
+    )
+    assert beside.shape[1] == 2 * alone.shape[1]
+    assert np.exp(alone.log_prior).sum() == pytest.approx(1.0)
+    assert np.exp(beside.log_prior).sum() == pytest.approx(1.0)
