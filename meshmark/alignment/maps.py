@@ -11,12 +11,17 @@ from meshmark.alignment.robust import scale_of, tukey
 from meshmark.arrays import FloatArray
 from meshmark.mesh.geometry import lengths
 
-ROUNDS = 6
+ROUNDS = 20
+# Weights reject by so many times the scale at first: what bends away is to be followed, too.
+WIDE, NARROWING = 6.0, 0.7
+# Distances of most vertices below which there is nothing to follow.
+EXACTLY = 1e-6
 # Pull towards the similarity, as a share of the mean curvature of the squares.
 RIDGE = 1e-6
 # A cubic has sixty numbers: on a remnant it would follow the mark.
 CUBIC_COVERS = 0.5
-EXACT = 1e-7
+# Steps that are smaller, or this share of the distances, are the last.
+EXACT, CHANCE = 1e-7, 2e-3
 
 
 def maps_of(
@@ -51,15 +56,20 @@ def _fit(P: FloatArray, start: PolynomialMap, matcher: Matcher, degree: int) -> 
     C = np.zeros((TERMS[degree], 3))
     C[: len(start.coefficients)] = start.coefficients
     unit = float(np.linalg.norm(C[1:4]))
+    width = WIDE
     for _ in range(ROUNDS):
         X = basis @ C
         match = matcher.match(X)
         gap = (X - match.points) / unit
-        w = tukey(lengths(gap), max(scale_of(lengths(gap)), EXACT))
+        distance = lengths(gap)
+        scale = max(scale_of(distance), EXACT)
+        width = 1.0 if scale < EXACTLY else max(1.0, width)
+        w = tukey(distance, width * scale)
         step = _step(basis, gap, match.normals, w, match.slip(gap))
         C = C + unit * step
-        if np.abs(step).max() < EXACT:
+        if width == 1.0 and np.abs(step).max() < max(EXACT, CHANCE * scale):
             break
+        width *= NARROWING
     return PolynomialMap(C, start.centre, start.size)
 
 
