@@ -13,16 +13,17 @@ from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
+from meshmark.arrays import IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.breakdown import breakdown_means_no_capacity
-from meshmark.extension.carrier import Observation
 from meshmark.extension.informed import AlignedFrame, InformedScheme, layout_frame
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.geometry import vertex_normals
 from meshmark.mesh.welding import Welding
+from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
 from meshmark.workers.progress import MeshProgress
 
@@ -65,7 +66,7 @@ def gather_informed(
     recipes : sequence of Recipe
         Informed schemes.
     master : Asset, optional
-        The original as the blind layers left it. It is compared with beside the original.
+        The original as the blind layers left it: copies are then compared with that.
     frames : str, optional
         Range A:B[:S] of the copy's time codes; `FRAMES` of them are read.
 
@@ -76,17 +77,17 @@ def gather_informed(
     InputError
         If a frame cannot be read.
     """
-    masters = {} if master is None else _masters(original, master)
+    references = {} if master is None else _by_prim(original, master)
     alignment = align(copy, original, frames=frames, n_frames=FRAMES, jobs=jobs)
     notes = [f"{each.prim} of the original: {each.reason}" for each in alignment.unplaced]
     items: list[Evidence] = []
     for found in alignment.meshes:
-        references = [found.original, *masters.get(found.original.prim, ())]
+        reference = references.get(found.original.prim, found.original)
         for recipe in recipes:
             try:
                 with breakdown_means_no_capacity(), one_thread():
-                    reading = _Reading.of(found, references, recipe.build())
-                    items.append(reading.evidence(recipe.scheme, progress))
+                    reading = _Reading(found, reference, recipe.build(), recipe.scheme)
+                    items.append(reading.evidence(jobs, progress))
             except CapacityError as error:
                 notes.append(f"{found.original.prim}: {recipe.scheme}: {error.message}")
     return InformedEvidence(tuple(items), tuple(notes))
@@ -106,60 +107,77 @@ def extract_informed(
     """
     found = align_mesh(copy, original, range(len(copy)))
     with one_thread():
-        return _Reading.of(found, (original,), scheme).evidence(scheme_name, None)
+        return _Reading(found, original, scheme, scheme_name).evidence(1, None)
 
 
-def _masters(original: Asset, master: Asset) -> dict[str, tuple[MeshAnimation, ...]]:
-    """Find the master of each mesh, by its prim."""
+def _by_prim(original: Asset, master: Asset) -> dict[str, MeshAnimation]:
+    """Find the master of each mesh of the original that has one."""
     by_prim = {mesh.prim: mesh for mesh in master.meshes}
-    found: dict[str, tuple[MeshAnimation, ...]] = {}
-    for mesh in original.meshes:
-        twin = by_prim.get(mesh.prim)
-        if twin is None:
-            continue
+    found = {mesh.prim: by_prim[mesh.prim] for mesh in original.meshes if mesh.prim in by_prim}
+    if not found:
+        raise UsageError("the master has no mesh of the original", source=master.source)
+    for prim, twin in found.items():
+        mesh = original.mesh(prim)
         if len(twin) != len(mesh) or not twin[0].topology.same_as(mesh[0].topology):
             raise UsageError(
                 "the master has other frames or faces than the original",
                 source=master.source,
-                prim=mesh.prim,
+                prim=prim,
             )
-        found[mesh.prim] = (twin,)
-    if not found:
-        raise UsageError("the master has no mesh of the original", source=master.source)
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """Reads the frames of one aligned mesh by one scheme."""
+    """Reads one aligned mesh by one scheme; pickles, for workers that take a frame each.
+
+    Parameters
+    ----------
+    found : MeshAlignment
+        Where the copy lies on the original.
+    reference : MeshAnimation
+        What it is compared with: the original, or the master.
+    scheme : InformedScheme
+    name : str
+        That of the scheme.
+    """
 
     found: MeshAlignment
-    references: Sequence[MeshAnimation]
+    reference: MeshAnimation
     scheme: InformedScheme
-    welding: Welding
-    layout: Any
+    name: str
 
-    @classmethod
-    def of(
-        cls, found: MeshAlignment, references: Sequence[MeshAnimation], scheme: InformedScheme
-    ) -> _Reading:
-        welding, frame = layout_frame(found.original)
-        return cls(found, references, scheme, welding, scheme.layout(frame))
+    def __getstate__(self) -> dict[str, Any]:
+        # What is made again where it is needed need not travel.
+        return {name: vars(self)[name] for name in ("found", "reference", "scheme", "name")}
 
-    def evidence(self, name: str, progress: MeshProgress | None) -> Evidence:
+    @cached_property
+    def _seen(self) -> tuple[Welding, Any]:
+        """The welding that frames are seen through, and the layout."""
+        welding, frame = layout_frame(self.found.original)
+        return welding, self.scheme.layout(frame)
+
+    @property
+    def layout(self) -> Any:
+        """Where chips lie on the original."""
+        return self._seen[1]
+
+    def evidence(self, jobs: int, progress: MeshProgress | None) -> Evidence:
         """Observe every placed frame, and put the hypotheses side by side."""
-        copy, placed = self.found.copy, self.found.frames
+        copy, placed, name = self.found.copy, self.found.frames, self.name
         # What a program did to one frame it did to all.
-        views = tuple(self._views(placed[0], self.references[-1]))
-        treatment = self.scheme.treatment(views, self.layout)
-        soft, log_prior = [], np.zeros(0)
-        for done, placement in enumerate(placed):
+        treatment = self.scheme.treatment(tuple(self._views(placed[0])), self.layout)
+        measure = _Measure(self, treatment)
+        measured = []
+        for done, each in enumerate(ordered_map(measure, placed, jobs=jobs), start=1):
+            measured.append(each)
             if progress is not None:
                 progress(f"{copy[0].prim} by {name}", done, len(placed))
-            observations = self._observations(placement, treatment)
-            soft.append(np.concatenate([each.soft for each in observations]))
-            log_prior = np.concatenate([each.log_prior for each in observations])
-            log_prior = log_prior - np.log(len(observations))
+        by_map = [
+            self.scheme.observe(frames, self.layout) for frames in zip(*measured, strict=True)
+        ]
+        soft = [np.concatenate([each.soft for each in maps]) for maps in zip(*by_map, strict=True)]
+        log_prior = np.concatenate([frames[0].log_prior for frames in by_map]) - np.log(len(by_map))
         return Evidence(
             prim=copy[0].prim,
             scheme=name,
@@ -184,18 +202,40 @@ class _Reading:
         placed = self.found.frames
         return tuple(name for name in placed[0].maps if all(name in each.maps for each in placed))
 
-    def _observations(self, placement: FramePlacement, treatment: Any) -> list[Observation]:
-        return [
-            self.scheme.observe(view, self.layout, treatment)
-            for reference in self.references
-            for view in self._views(placement, reference)
-        ]
+    def measure(self, placement: FramePlacement, treatment: Any) -> list[Any]:
+        """Measure a frame under every map."""
+        with breakdown_means_no_capacity(), one_thread():
+            return [
+                self.scheme.measure(view, self.layout, treatment) for view in self._views(placement)
+            ]
 
-    def _views(self, placement: FramePlacement, reference: MeshAnimation) -> Iterator[AlignedFrame]:
-        """Lay a frame of the copy upon a reference, by one map after the other."""
+    def _identities(self, frame: CopyFrame) -> tuple[Any, IntArray | None]:
+        """Choose the copy's vertices to read, and tell which of the reference they are."""
+        if self.found.method != "identity":
+            return slice(None), None
+        vertices = self._seen[0].new[frame.vertices]
+        kept = np.flatnonzero(vertices >= 0)
+        return kept, vertices[kept]
+
+    def _views(self, placement: FramePlacement) -> Iterator[AlignedFrame]:
+        """Lay a frame of the copy upon the reference, by one map after the other."""
+        welding, _ = self._seen
         frame = CopyFrame.of(self.found.copy, placement.index)
-        under = self.welding.frame(posed(reference, placement.pose))
-        velocity = motion(reference, placement.pose)[self.welding.kept]
+        under = welding.frame(posed(self.reference, placement.pose))
+        velocity = motion(self.reference, placement.pose)[welding.kept]
+        kept, vertices = self._identities(frame)
         for name in self.maps:
             points = placement.maps[name](frame.points)
-            yield AlignedFrame(under, velocity, points, vertex_normals(points, frame.faces))
+            normals = vertex_normals(points, frame.faces)
+            yield AlignedFrame(under, velocity, points[kept], normals[kept], vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class _Measure:
+    """Measures one frame after the other."""
+
+    reading: _Reading
+    treatment: Any
+
+    def __call__(self, placement: FramePlacement) -> list[Any]:
+        return self.reading.measure(placement, self.treatment)

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from meshmark.arrays import BoolArray, FloatArray, SignArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray, SignArray
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import MarkingPlan
@@ -31,12 +31,15 @@ class AlignedFrame:
         The copy's vertices.
     normals : (n, 3) float64
         Their unit normals.
+    vertices : (n,) int or None
+        Vertex of the reference that each of them is, where they kept their identity.
     """
 
     reference: Frame
     motion: FloatArray
     points: FloatArray
     normals: FloatArray
+    vertices: IntArray | None = None
 
 
 class InformedLayout(Protocol):
@@ -98,13 +101,24 @@ class InformedScheme(Protocol):
         """
         ...
 
-    def observe(self, view: AlignedFrame, layout: Any, treatment: Any) -> Observation:
-        """Estimate the chips of a copy's frame: evidence (R, 1, K) under R hypotheses.
+    def measure(self, view: AlignedFrame, layout: Any, treatment: Any) -> Any:
+        """Measure one frame of a copy under one map; the result must pickle.
 
         Parameters
         ----------
         treatment
             What `treatment` found out from one of the copy's frames.
+        """
+        ...
+
+    def observe(self, measured: Sequence[Any], layout: Any) -> list[Observation]:
+        """Estimate the chips from what was measured of all frames under one map.
+
+        Returns
+        -------
+        list of Observation
+            One for each frame: evidence (R, 1, K) under the same R hypotheses. Their mean is what
+            all frames say together.
         """
         ...
 

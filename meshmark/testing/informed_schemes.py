@@ -147,7 +147,7 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         few = replace(view, points=view.points[:1], normals=view.normals[:1])
         exact = replace(view, points=frame.points)
         for each in (view, exact, far, few):
-            seen = scheme.observe(each, layout, scheme.treatment([each], layout))
+            seen = observed(scheme, frame, each)
             assert_sound(seen, frame, layout.n_chips)
             assert seen.soft.shape[1] == 1
         assert np.any(observed(scheme, frame, view).soft)
@@ -157,11 +157,13 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         layout, view = scheme.layout(frame), copied(frame)
         before = view.points.copy(), view.reference.points.copy()
         treatment = scheme.treatment([view], layout)
-        seen = scheme.observe(view, layout, treatment)
+        measured = scheme.measure(view, layout, treatment)
+        (seen,) = scheme.observe([measured], layout)
         other = replace(view, points=view.reference.points, normals=view.normals)
-        scheme.observe(other, layout, scheme.treatment([other], layout))
-        again = pickle.loads(pickle.dumps((scheme, treatment)))
-        assert_equal(again[0].observe(view, layout, again[1]), seen)
+        observed(scheme, frame, other)
+        there, how, what = pickle.loads(pickle.dumps((scheme, treatment, measured)))
+        assert_equal(there.observe([there.measure(view, layout, how)], layout)[0], seen)
+        assert_equal(there.observe([what], layout)[0], seen)
         np.testing.assert_array_equal(view.points, before[0])
         np.testing.assert_array_equal(view.reference.points, before[1])
 
@@ -169,12 +171,10 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         self, scheme: InformedScheme, frame: Frame, tolerance: float
     ) -> None:
         """The copy's vertices may stand in any order."""
-        layout, view = scheme.layout(frame), copied(frame)
+        view = copied(frame)
         order = np.random.default_rng(3).permutation(len(view.points))
         mixed = replace(view, points=view.points[order], normals=view.normals[order])
-        one, two = (
-            scheme.observe(each, layout, scheme.treatment([each], layout)) for each in (view, mixed)
-        )
+        one, two = (observed(scheme, frame, each) for each in (view, mixed))
         np.testing.assert_allclose(two.soft, one.soft, rtol=0, atol=tolerance)
         np.testing.assert_allclose(two.log_prior, one.log_prior, rtol=0, atol=tolerance)
 
@@ -213,6 +213,16 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         words = rng.choice(np.array([-1, 1]), (WORDS, 1, evidence.n_chips))
         assert_rare(log10_p_of(evidence, words), RATES)
 
+    def test_the_mean_over_frames_tells_more_than_one(
+        self, scheme: InformedScheme, animation: MeshAnimation
+    ) -> None:
+        """Each frame has evidence of its own, under the same hypotheses."""
+        evidence = leaked(scheme, animation, None)
+        (variant,) = evidence.variants
+        assert len(variant.frames) == len(animation)
+        together = judge(evidence, KEY).log10_p
+        assert together <= np.median(judge(evidence, KEY).log10_p_per_frame) + 1.0
+
     def test_what_is_too_small_is_refused(self, scheme: InformedScheme) -> None:
         """A tetrahedron has no room for a mark, and `layout` says so."""
         V, F = tetrahedron()
@@ -245,7 +255,8 @@ def noisy(frame: Frame, rng: np.random.Generator) -> Any:
 def observed(scheme: InformedScheme, original: Frame, view: AlignedFrame) -> Observation:
     """Observe one view of a copy."""
     layout = scheme.layout(original)
-    return scheme.observe(view, layout, scheme.treatment([view], layout))
+    measured = scheme.measure(view, layout, scheme.treatment([view], layout))
+    return scheme.observe([measured], layout)[0]
 
 
 def assert_rare(log10_p: Any, rates: Sequence[float]) -> None:

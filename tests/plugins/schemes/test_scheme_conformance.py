@@ -145,8 +145,14 @@ def test_the_suite_of_schemes_sees_a_mark_that_cannot_be_found() -> None:
 def looking(look) -> InformedScheme:
     """Return relief with what it sees in a view changed."""
     scheme = Recipe("relief").build()
-    observe = scheme.observe
-    scheme.observe = lambda view, layout, treatment: look(observe(view, layout, treatment), view)
+    measure, observe = scheme.measure, scheme.observe
+    scheme.measure = lambda view, *others: (view, measure(view, *others))
+    scheme.observe = lambda measured, layout: [
+        look(seen, view)
+        for (view, _), seen in zip(
+            measured, observe([found for _, found in measured], layout), strict=True
+        )
+    ]
     return scheme
 
 

@@ -136,14 +136,14 @@ class Basis:
         return sum(level.n_chips for level in self.levels)
 
     def heights(self, w: FloatArray) -> FloatArray:
-        """Heights (N,) of chips (K,), 1 in mean square over random signs."""
+        """Heights (N,) of chips (K,), or (N, n) of (K, n); of random signs, 1 in mean square."""
         return sum(
             np.sqrt(share) * level.heights(part)
             for share, level, part in zip(self.shares, self.levels, self._split(w), strict=True)
         )
 
     def adjoint(self, x: FloatArray) -> FloatArray:
-        """Apply the transpose of `heights` to x (N,)."""
+        """Apply the transpose of `heights` to x (N,) or (N, n)."""
         return np.concatenate(
             [
                 np.sqrt(share) * level.adjoint(x)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
@@ -11,7 +9,8 @@ from meshmark.extension.informed import AlignedFrame
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import normalized, surface_box, vertex_normals
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
-from meshmark_plugins.schemes.relief.chips import MAD_TO_SIGMA
+from meshmark_plugins.schemes.relief.chips import MAD_TO_SIGMA, Heights
+from meshmark_plugins.schemes.relief.treatment import NONE, Treatment
 
 # Vertices farther from the reference than this share of the diagonal, or whose normals differ by
 # more than this cosine, lie on something else.
@@ -25,38 +24,25 @@ FIT_ROUNDS = 3
 FEWEST = 32
 
 
-@dataclass(frozen=True, eq=False)
-class Heights:
-    """Heights above the vertices of a reference.
-
-    Parameters
-    ----------
-    value : (N,) float64
-        Mean height of the copy's vertices about each vertex; 0 where there are none.
-    count : (N,) float64
-        How many they are, shared among the corners of the triangle they lie on.
-    deviation : float
-        Standard deviation of the heights of the copy's vertices.
-    """
-
-    value: FloatArray
-    count: FloatArray
-    deviation: float
-
-
-def heights(view: AlignedFrame, smoothed: int = 0) -> Heights:
+def heights(
+    view: AlignedFrame, treatment: Treatment = NONE, *, by_identity: bool = False
+) -> Heights:
     """Measure a copy's heights above the reference.
 
     Parameters
     ----------
     view : AlignedFrame
         The frame of a copy, and of the reference.
-    smoothed : int
-        Steps of umbrella smoothing that the reference is taken through first.
+    treatment : Treatment
+        What the reference is taken through first.
+    by_identity : bool
+        Whether each of the copy's vertices is compared with its own vertex of the reference, not
+        with the closest point. Noise bends closest points towards creases, in all frames alike;
+        but vertices that slid along the surface are better compared with those.
     """
-    V, F = _smoothed(view, smoothed), view.reference.faces
+    V, F = treatment.points(view.reference), view.reference.faces
     n_points = len(V)
-    face, weight, d, on = _signed_distances(view, V, F)
+    face, weight, d, on = (_offsets if by_identity else _signed_distances)(view, V, F)
     if on.sum() < FEWEST:
         return Heights(np.zeros(n_points), np.zeros(n_points), np.inf)
     face, weight, d = face[on], weight[on], d[on]
@@ -67,11 +53,6 @@ def heights(view: AlignedFrame, smoothed: int = 0) -> Heights:
     count, total = (np.bincount(corners.ravel(), part, n_points).astype(float) for part in parts.T)
     value = np.divide(total, count, out=np.zeros(n_points), where=count > 0.0)
     return Heights(value, count, deviation)
-
-
-def _smoothed(view: AlignedFrame, steps: int) -> FloatArray:
-    reference = view.reference
-    return smooth(reference.points, polygon_umbrella(reference.topology), steps)
 
 
 def _signed_distances(
@@ -89,6 +70,20 @@ def _signed_distances(
         np.copysign(1.0, np.median(cosine[near])) * cosine > AGREEMENT if near.any() else near
     )
     return face, weight, d, near & agreeing
+
+
+def _offsets(
+    view: AlignedFrame, V: FloatArray, F: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Take each vertex's own vertex of the reference for its place; as `_signed_distances`."""
+    assert view.vertices is not None
+    corner = np.full(len(V), -1)
+    corner[F.ravel()[::-1]] = np.arange(F.size)[::-1]
+    face, k = np.divmod(corner[view.vertices], 3)
+    offset = view.points - V[view.vertices]
+    d = np.einsum("ij,ij->i", offset, vertex_normals(V, F)[view.vertices])
+    near = np.linalg.norm(offset, axis=1) < REACH * surface_box(V, F)[0]
+    return face, np.eye(3)[k], d, near
 
 
 def _columns(view: AlignedFrame, V: FloatArray, F: IntArray) -> FloatArray:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 
 import numpy as np
 
-from meshmark.arrays import BoolArray, FloatArray, SignArray
+from meshmark.arrays import BoolArray, SignArray
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.informed import AlignedFrame
@@ -15,20 +16,19 @@ from meshmark.extension.parameters import require_number
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box
 from meshmark_plugins.schemes.relief.basis import Basis
-from meshmark_plugins.schemes.relief.chips import soft_chips
+from meshmark_plugins.schemes.relief.chips import Heights, soft_chips
 from meshmark_plugins.schemes.relief.height import slope
 from meshmark_plugins.schemes.relief.plan import ReliefPlan, plan_heights
 from meshmark_plugins.schemes.relief.residual import heights
+from meshmark_plugins.schemes.relief.treatment import KINDS, NONE, Treatment, between
 
 WHAT = "scheme relief"
 # One chip in so many is the owner's in every copy; the others are a recipient's, if there is one.
 OWNER_EVERY = 8
 # Fewer chips could not reach one in a million, whatever they say.
 FEWEST_CHIPS = 26
-# Steps of umbrella smoothing that a copy may have been through.
-SMOOTHINGS = (0, 1, 3, 6, 10, 15, 20, 30, 40, 50, 70, 100, 150, 200, 300)
-# Vertices that choose among them.
-SAMPLE = 3000
+# Vertices that tell what a copy has been through.
+SAMPLE = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,11 @@ class ReliefLayout:
     def owner(self) -> BoolArray:
         """Which chips are the owner's in every copy, (K,) bool."""
         return np.arange(self.n_chips) % OWNER_EVERY == 0
+
+    def flattened(self, found: Heights) -> Heights:
+        """Take off what is wider than any patch."""
+        wide = self.basis.low_pass(found.value, found.count)
+        return replace(found, value=np.where(found.count > 0.0, found.value - wide, 0.0))
 
 
 class Relief:
@@ -99,40 +104,51 @@ class Relief:
         f = layout.height * layout.basis.heights(signs.astype(np.float64))
         return ReliefPlan(plan_heights(animation, f), layout.n_chips)
 
-    def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> int:
-        """Choose how many steps of smoothing explain a copy best, by what is left."""
+    def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> Treatment:
+        """Choose the smoothing that explains a copy best, by what is left."""
         samples = [_sample(view) for view in views]
-        left = np.array(
-            [[heights(view, steps).deviation for steps in SMOOTHINGS[::2]] for view in samples]
+
+        def left(treatment: Treatment) -> float:
+            return min(heights(view, treatment).deviation for view in samples)
+
+        known = {each: left(each) for each in (NONE, *chain.from_iterable(KINDS))}
+        best = min(known, key=lambda each: known[each])
+        pairs = (pair for kind in KINDS for pair in pairwise(kind) if best in pair)
+        near = [each for pair in pairs for each in between(*pair)]
+        known |= {each: left(each) for each in near}
+        return min(known, key=lambda each: known[each])
+
+    def measure(
+        self, view: AlignedFrame, layout: ReliefLayout, treatment: Treatment
+    ) -> tuple[Heights, ...]:
+        """Measure the heights of a copy's frame, in each way that may suit what was done to it."""
+        ways = (False,) if view.vertices is None else (False, True)
+        return tuple(
+            layout.flattened(heights(view, each, by_identity=by_identity))
+            for each in dict.fromkeys((NONE, treatment))
+            for by_identity in ways
         )
-        which, rough = np.unravel_index(np.argmin(left), left.shape)
-        near = SMOOTHINGS[max(0, 2 * int(rough) - 1) : 2 * int(rough) + 2]
-        return min(near, key=lambda steps: heights(samples[which], steps).deviation)
 
-    def observe(self, view: AlignedFrame, layout: ReliefLayout, treatment: int) -> Observation:
-        """Estimate the chips of a copy's frame.
+    def observe(
+        self, measured: Sequence[tuple[Heights, ...]], layout: ReliefLayout
+    ) -> list[Observation]:
+        """Estimate the chips of all frames, in each way they were measured.
 
-        Parameters
-        ----------
-        treatment : int
-            What `treatment` said of one of the copy's frames.
+        All chips are read together, the owner's alone, and the others alone.
         """
         found = [
-            self._chips(view, layout, steps) for steps in dict.fromkeys((0, treatment, treatment))
+            soft_chips(layout.basis, layout.height, way) for way in zip(*measured, strict=True)
         ]
         owner = layout.owner
         parts = [np.where(part, S, 0.0) for S in found for part in (True, owner, ~owner)]
-        soft = np.array(parts)[:, None, :]
-        log_prior = np.full(len(soft), -np.log(len(soft)))
-        return Observation(soft, log_prior, np.zeros((1, 0)))
-
-    def _chips(self, view: AlignedFrame, layout: ReliefLayout, smoothed: int) -> FloatArray:
-        found = heights(view, smoothed)
-        r = found.value - layout.basis.low_pass(found.value, found.count)
-        return soft_chips(layout.basis, layout.height, r, found.count)
+        log_prior = np.full(len(parts), -np.log(len(parts)))
+        return [
+            Observation(soft[:, None, :], log_prior, np.zeros((1, 0)))
+            for soft in np.stack(parts, axis=1)
+        ]
 
 
 def _sample(view: AlignedFrame) -> AlignedFrame:
     """Keep some of a copy's vertices."""
     step = max(1, len(view.points) // SAMPLE)
-    return replace(view, points=view.points[::step], normals=view.normals[::step])
+    return replace(view, points=view.points[::step], normals=view.normals[::step], vertices=None)
