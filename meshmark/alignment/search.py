@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from meshmark.alignment.axes import by_axes
 from meshmark.alignment.copy_frames import CopyFrame
@@ -256,7 +257,19 @@ class Search:
         if not rough:
             return None
         best = min((self._exact(frame, fit.placement) for fit in rough[:MADE_EXACT]), key=_misfit)
-        return self._unambiguous(frame, best, rough[:TOLD_APART]) if best.fits else best
+        if not best.fits:
+            return best
+        turned = [self._rough_fit(frame.some(ROUGH), each) for each in self._turned(best)]
+        return self._unambiguous(frame, best, [*rough[:TOLD_APART], *turned])
+
+    def _turned(self, best: Fit) -> list[Placement]:
+        """Turn a placement about the middle of the original: starts may all lie on one side."""
+        A, pose, centre = best.placement.A, best.placement.pose, self._original.centre
+        turns = Rotation.create_group("O").as_matrix()[1:]
+        return [
+            Placement(np.column_stack([R @ A[:, :3], R @ (A[:, 3] - centre) + centre]), pose)
+            for R in turns
+        ]
 
     def _unambiguous(self, frame: CopyFrame, best: Fit, others: Sequence[Fit]) -> Fit:
         """Refuse what fits in several places alike; of a mirror image, take the shape itself."""
