@@ -5,12 +5,20 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from meshmark.benchmarking.marked_copies import MarkedCopy, copy_of, make_copy, recipients
+from meshmark.benchmarking.marked_copies import (
+    MarkedCopy,
+    copy_of,
+    make_copy,
+    make_master,
+    make_recipients_copy,
+    recipients,
+)
 from meshmark.benchmarking.report_document import Outcome, document_of
 from meshmark.benchmarking.store import FORMAT, Store, code_hash, identity_hash
 from meshmark.benchmarking.subjects import Subject, count_distinct, subjects_of
@@ -71,6 +79,7 @@ def run_benchmark(
     recipes: Sequence[Recipe],
     folder: Path,
     *,
+    informed: bool = False,
     frames: str | None = None,
     seed: int = 0,
     trusted: bool = True,
@@ -86,10 +95,13 @@ def run_benchmark(
     suite : Suite
         What is done to them.
     recipes : sequence of Recipe
-        Schemes, with their parameters.
+        Schemes, with their parameters: each marks copies of its own; or, with `informed`, the
+        layers of one mark.
     folder : Path
         Where results are kept. Those already there are not computed again, so that a run that
         was broken off goes on where it was.
+    informed : bool
+        Whether copies are verified beside their original, not blindly.
     frames : str, optional
         Range A:B[:S] of time codes; the others are neither marked nor attacked.
     seed : int
@@ -120,10 +132,13 @@ def run_benchmark(
     subjects = subjects_of(sources, frames, isolated=not trusted)
     place = Place(folder)
     bench = _bench(place, suite, recipes, seed)
+    n_copies = 1 + max((cell.others for cell in suite.cells), default=0)
+    choices = [tuple(recipes)] if informed else [(recipe,) for recipe in recipes]
+    mark = _mark_in_layers if informed else _mark
     pairings = [
-        _mark(bench, place, suite, subject, recipe, jobs, progress)
+        mark(bench, place, Pairing(subject, choice, informed=informed), n_copies, progress, jobs)
         for subject in subjects
-        for recipe in recipes
+        for choice in choices
     ]
     tasks = _tasks(bench, suite, pairings)
     _perform_missing(tasks, jobs, progress)
@@ -160,35 +175,78 @@ def _offers(suite: Suite, recipes: Sequence[Recipe]) -> list[RegisteredPlugin]:
 def _mark(
     bench: Bench,
     place: Place,
-    suite: Suite,
-    subject: Subject,
-    recipe: Recipe,
+    pairing: Pairing,
+    n_copies: int,
+    tell: StageProgress | None,
     jobs: int,
-    progress: StageProgress | None,
 ) -> Pairing:
+    """Mark as many copies as the suite needs: the first is the owner's own."""
+    subject, [recipe] = pairing.subject, pairing.layers
     copies: list[MarkedCopy] = []
-    for recipient in recipients(max((cell.others for cell in suite.cells), default=0)):
-        identity = copy_identity(bench, place, subject, recipe, recipient)
-        name = f"{Path(subject.asset).stem}-{recipe.scheme}-{identity_hash(identity)[:8]}.usdc"
-        path = place.copies / name
-        if not (bench.store.finished(identity) and path.exists()):
-            what = f"{subject.asset} {recipe.scheme}"
-            tell = None if progress is None else _renamed(progress, what)
-            try:
-                result = make_copy(
-                    subject, recipe, bench.key, recipient, path, jobs=jobs, progress=tell
-                )
-            except MeshmarkError as error:
-                result = failure(error, is_plugin=isinstance(error, PluginError))
-            # As for cells: a scheme of somebody else's must not end the run.
-            except Exception as error:
-                result = failure(error, is_plugin=True)
-            bench.store.save(identity, result)
-        described = bench.store.load(identity) or {}
-        if "error" in described:
-            return Pairing(subject, recipe, error=str(described["error"]))
-        copies.append(copy_of(path, subject.frames, described))
-    return Pairing(subject, recipe, tuple(copies))
+    for recipient in (None, *recipients(n_copies - 1)):
+        make = partial(make_copy, subject, recipe, bench.key, recipient)
+        made = _kept(bench, place, pairing, "copy", recipient, make, tell, jobs)
+        if isinstance(made, str):
+            return replace(pairing, error=made)
+        copies.append(made)
+    return replace(pairing, copies=tuple(copies))
+
+
+def _mark_in_layers(
+    bench: Bench,
+    place: Place,
+    pairing: Pairing,
+    n_copies: int,
+    tell: StageProgress | None,
+    jobs: int,
+) -> Pairing:
+    """Make the master once, and on it as many recipients' copies as the suite needs."""
+    subject, layers = pairing.subject, pairing.layers
+    make = partial(make_master, subject, layers, bench.key)
+    master = _kept(bench, place, pairing, "master", None, make, tell, jobs)
+    if isinstance(master, str):
+        return replace(pairing, error=master)
+    copies: list[MarkedCopy] = []
+    for recipient in recipients(n_copies):
+        make = partial(make_recipients_copy, subject, layers, bench.key, recipient, master)
+        made = _kept(bench, place, pairing, "copy", recipient, make, tell, jobs)
+        if isinstance(made, str):
+            return replace(pairing, error=made)
+        copies.append(made)
+    blind = any(not layer.informed for layer in layers)
+    return replace(pairing, copies=tuple(copies), master=master if blind else None)
+
+
+def _kept(
+    bench: Bench,
+    place: Place,
+    pairing: Pairing,
+    kind: str,
+    recipient: str | None,
+    make: Callable[..., dict[str, Any]],
+    progress: StageProgress | None,
+    jobs: int,
+) -> MarkedCopy | str:
+    """Find a marked file where an earlier run left it, or make it; the reason if that fails."""
+    subject = pairing.subject
+    identity = copy_identity(bench, place, pairing, kind, recipient)
+    schemes = "-".join(layer.scheme for layer in pairing.layers)
+    path = place.copies / f"{Path(subject.asset).stem}-{schemes}-{identity_hash(identity)[:8]}.usdc"
+    if not (bench.store.finished(identity) and path.exists()):
+        what = f"{subject.asset} {pairing.scheme}"
+        tell = None if progress is None else _renamed(progress, what)
+        try:
+            result = make(path, jobs=jobs, progress=tell)
+        except MeshmarkError as error:
+            result = failure(error, is_plugin=isinstance(error, PluginError))
+        # As for cells: a scheme of somebody else's must not end the run.
+        except Exception as error:
+            result = failure(error, is_plugin=True)
+        bench.store.save(identity, result)
+    described = bench.store.load(identity) or {}
+    if "error" in described:
+        return str(described["error"])
+    return copy_of(path, subject.frames, described)
 
 
 def _renamed(progress: StageProgress, what: str) -> MeshProgress:
@@ -196,16 +254,17 @@ def _renamed(progress: StageProgress, what: str) -> MeshProgress:
 
 
 def copy_identity(
-    bench: Bench, place: Place, subject: Subject, recipe: Recipe, recipient: str | None
+    bench: Bench, place: Place, pairing: Pairing, kind: str, recipient: str | None
 ) -> dict[str, Any]:
-    """Tell what determines a marked copy."""
+    """Tell what determines a marked copy, or a master."""
+    subject = pairing.subject
     source, folder = Path(subject.source).resolve(), place.copies.resolve()
     return {
-        "kind": "copy",
+        "kind": kind,
         # A layer over its source finds it by its place.
         "source": Path(os.path.relpath(source, folder)).as_posix(),
         **subject_identity(bench, subject),
-        "recipe": recipe.as_json(),
+        **pairing.identity,
         "recipient": recipient,
     }
 
@@ -246,8 +305,8 @@ def _frame_counts(subject: Subject) -> tuple[int, int]:
 
 
 def _outcome(bench: Bench, place: Place, suite: Suite, pairing: Pairing) -> Outcome:
-    owner = copy_identity(bench, place, pairing.subject, pairing.recipe, None)
-    copy = bench.store.load(owner) or {}
+    kind = "master" if pairing.informed else "copy"
+    copy = bench.store.load(copy_identity(bench, place, pairing, kind, None)) or {}
     if pairing.error is not None:
         failed = {**copy, "error": pairing.error}
         return Outcome(pairing, failed, failed, tuple((failed, failed) for _ in suite.cells))

@@ -56,10 +56,10 @@ def run_cell(
     """
     clock = StageClock()
     with clock.stage("read"):
-        first, *others = (_loaded(copy, cell) for copy in copies)
+        first, *others = (loaded(copy, cell) for copy in copies)
         asset = in_memory(first)
     with clock.stage("attack"):
-        attacked = in_memory(_attacked(asset, cell, seed, others), stored=True)
+        attacked = in_memory(attack_copy(asset, cell, seed, others), stored=True)
     timed = TimedRecipe.of(recipe, clock)
     with clock.stage("measure"):
         evidence = gather(attacked, recipes=[timed])
@@ -69,12 +69,14 @@ def run_cell(
     return {**describe(verdict), "attack_mrms_rel": cost, "timings": _timings(clock)}
 
 
-def _loaded(copy: Subject | MarkedCopy, cell: Cell) -> Asset:
+def loaded(copy: Subject | MarkedCopy, cell: Cell) -> Asset:
+    """Read the frames of a copy that a cell attacks."""
     asset = copy.load()
     return select_first(asset) if cell.frames == "first" else asset
 
 
-def _attacked(asset: Asset, cell: Cell, seed: int, others: Sequence[Asset]) -> Asset:
+def attack_copy(asset: Asset, cell: Cell, seed: int, others: Sequence[Asset]) -> Asset:
+    """Do what a cell asks for to every mesh; `others` are what it may be blended with."""
     if cell.attack == NO_ATTACK:
         return asset
     make = partial(make_attack, cell.attack, **cell.parameters)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.delivery.unmarked import split_fit, split_in_place
 from meshmark.embedding.asset import embed
+from meshmark.embedding.mesh import embed_animation
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
@@ -18,9 +21,9 @@ from meshmark.sources.writing import writer, written_names
 from meshmark.workers.progress import MeshProgress
 
 
-def recipients(others: int) -> list[str | None]:
-    """Name whom copies are marked for: nobody, and as many others for attacks that need more."""
-    return [None, *(f"copy {number}" for number in range(1, others + 1))]
+def recipients(copies: int) -> list[str]:
+    """Name whom so many copies are marked for."""
+    return [f"copy {number}" for number in range(1, copies + 1)]
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,82 @@ def make_copy(
         "prims": [[mesh.animation.prim, written[mesh.animation.prim]] for mesh in marked.meshes],
         "skipped": [[each.prim, each.reason] for each in marked.skipped],
         "carriers": sum(mesh.carriers for mesh in marked.meshes),
+        "timings": {"embed_s": round(time.perf_counter() - start, 3)},
+    }
+
+
+def make_master(
+    subject: Subject,
+    layers: Sequence[Recipe],
+    key: Key,
+    path: Path,
+    *,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> dict[str, Any]:
+    """Lay down what all copies have in common, write it, and describe it in JSON values.
+
+    Raises
+    ------
+    MeshmarkError
+        If it cannot be read or marked.
+    """
+    start = time.perf_counter()
+    original = read(subject.source)
+    marked = embed(_chosen(subject, original), key, recipe=layers, jobs=jobs, progress=progress)
+    return _written(original, marked.master, path, start)
+
+
+def make_recipients_copy(
+    subject: Subject,
+    layers: Sequence[Recipe],
+    key: Key,
+    recipient: str,
+    master: MarkedCopy,
+    path: Path,
+    *,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> dict[str, Any]:
+    """Lay the informed layers on the master, write the copy, and describe it in JSON values.
+
+    Raises
+    ------
+    MeshmarkError
+        If it cannot be marked.
+    """
+    start = time.perf_counter()
+    original = read(subject.source)
+    chosen = _chosen(subject, original)
+    informed = [layer for layer in layers if layer.informed]
+    meshes = []
+    for mesh in master.load().meshes:
+        tell = None if progress is None else partial(progress, mesh.prim)
+        for layer in informed:
+            mesh = embed_animation(
+                mesh,
+                layer.build(),
+                layer.scheme,
+                key,
+                recipient=recipient,
+                original=chosen.mesh(mesh.prim),
+                jobs=jobs,
+                progress=tell,
+            ).animation
+        meshes.append(mesh)
+    return _written(original, replace(original, meshes=tuple(meshes)), path, start)
+
+
+def _chosen(subject: Subject, original: Asset) -> Asset:
+    return select_frames(split_in_place(split_fit(original)), subject.frames)
+
+
+def _written(original: Asset, marked: Asset, path: Path, start: float) -> dict[str, Any]:
+    writer(original, path)(marked)
+    written = written_names(original, path)
+    return {
+        "file": path.name,
+        "prims": [[mesh.prim, written[mesh.prim]] for mesh in marked.meshes],
         "timings": {"embed_s": round(time.perf_counter() - start, 3)},
     }
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from meshmark.benchmarking.suites import SUITES
@@ -18,13 +19,16 @@ def command_of(document: Mapping[str, Any]) -> str:
     """Put together the command, with sources by their names alone, and only what is no default."""
     words = ["meshmark", "bench", *(_source(asset) for asset in document["assets"])]
     words += ["--suite", str(document["suite"])]
+    if document["informed"]:
+        words += ["--informed"]
     recipes = document["schemes"]
     for recipe in recipes:
         words += ["--scheme", recipe["scheme"]["name"]]
     for kind, usual in _DEFAULTS.items():
         if recipes[0][kind]["name"] != usual:
             words += [f"--{kind}", recipes[0][kind]["name"]]
-    for setting in dict.fromkeys(text for recipe in recipes for text in _settings(recipe)):
+    typed = _before_sharing(recipes) if document["informed"] else recipes
+    for setting in dict.fromkeys(text for recipe in typed for text in _settings(recipe)):
         words += ["--set", setting]
     for attack in _extra_attacks(document):
         words += ["--attack", attack]
@@ -37,6 +41,28 @@ def command_of(document: Mapping[str, Any]) -> str:
 def _source(asset: Mapping[str, Any]) -> str:
     files = [str(file["file"]) for file in asset["files"]]
     return files[0] if len(files) == 1 else str(asset["asset"])
+
+
+def _before_sharing(layers: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Give each layer the limit to its distortion that it had before `within_mrms` shared it."""
+    limits = [layer["scheme"]["parameters"].get("max_mrms") for layer in layers]
+    if None in limits:
+        return list(layers)
+    factor = math.hypot(*limits) / limits[0]
+    return [
+        {
+            **layer,
+            "scheme": {
+                **layer["scheme"],
+                "parameters": {
+                    **layer["scheme"]["parameters"],
+                    # Without the last digits, which are rounding errors.
+                    "max_mrms": float(f"{factor * limit:.12g}"),
+                },
+            },
+        }
+        for layer, limit in zip(layers, limits, strict=True)
+    ]
 
 
 def _settings(recipe: Mapping[str, Any]) -> list[str]:

@@ -67,6 +67,7 @@ def document_of(
         "key_id": bench.key.id,
         "fpr": FPR,
         "lucky_ber": LUCKY_BER,
+        "informed": any(outcome.pairing.informed for outcome in outcomes),
         "frames": subjects[0][0].frames,
         "assets": [_asset(subject, *counts) for subject, counts in subjects],
         "schemes": [recipe.as_json() for recipe in recipes],
@@ -88,14 +89,14 @@ def _asset(subject: Subject, frames: int, distinct: int) -> dict[str, Any]:
 def _row(
     bench: Bench, outcome: Outcome, cell: Cell, marked: Result, control: Result
 ) -> dict[str, Any]:
-    subject, recipe = outcome.pairing.subject, outcome.pairing.recipe
+    subject, scheme = outcome.pairing.subject, outcome.pairing.scheme
     paper = TABLE_2.get((subject.asset, cell.label)) if cell.frames == "all" else None
     return {
         "asset": subject.asset,
         "attack": cell.attack,
         "parameters": dict(cell.parameters),
         "per": cell.per,
-        "scheme": recipe.scheme,
+        "scheme": scheme,
         **_figures(marked),
         "attack_mrms_rel": marked.get("attack_mrms_rel"),
         "label": cell.label,
@@ -103,6 +104,7 @@ def _row(
         "frames": cell.frames,
         "seed": cell_seed(bench, subject, cell),
         "worst": marked.get("worst"),
+        "informed": marked.get("informed"),
         "notes": list(marked.get("notes", ())),
         "error": marked.get("error"),
         "plugin_failed": bool(marked.get("plugin")) or bool(control.get("plugin")),
@@ -110,6 +112,7 @@ def _row(
         "control": {
             **_figures(control),
             "frames_lucky": control.get("frames_lucky"),
+            "informed": control.get("informed"),
             "error": control.get("error"),
         },
     }
@@ -121,13 +124,13 @@ def _figures(result: Result) -> dict[str, Any]:
 
 
 def _distortions(outcome: Outcome) -> list[dict[str, Any]]:
-    subject, recipe = outcome.pairing.subject, outcome.pairing.recipe
+    subject, scheme = outcome.pairing.subject, outcome.pairing.scheme
     paper = TABLE_1.get(subject.asset)
     nothing = {"prim": None, **{field.name: None for field in fields(Distortion)}}
     return [
         {
             "asset": subject.asset,
-            "scheme": recipe.scheme,
+            "scheme": scheme,
             **row,
             "error": outcome.distortion.get("error"),
             "paper": None if paper is None else {"hausdorff": paper.hausdorff, "mrms": paper.mrms},
@@ -171,7 +174,7 @@ def _timings(
 def _names(outcome: Outcome) -> dict[str, str]:
     return {
         "asset": outcome.pairing.subject.asset,
-        "scheme": outcome.pairing.recipe.scheme,
+        "scheme": outcome.pairing.scheme,
     }
 
 

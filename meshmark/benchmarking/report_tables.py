@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from meshmark.benchmarking.informed_cells import BLIND_FRAMES
+from meshmark.benchmarking.informed_tables import ABOUT_INFORMED, informed_tables
+from meshmark.benchmarking.markdown import number, table
 from meshmark.benchmarking.published_figures import DISTORTION_DIGIT, ERROR_DIGIT, worse
 from meshmark.benchmarking.report_command import command_of
 from meshmark.benchmarking.report_document import failures
@@ -12,6 +15,7 @@ from meshmark.benchmarking.report_document import failures
 Row = Mapping[str, Any]
 
 STAGES = ("read", "attack", "segment", "distances", "other")
+INFORMED_STAGES = ("read", "attack", "beside", "other")
 
 _ABOUT_SHARES = """\
 **Reading the tables.** BER is the published figure, the smallest bit error rate among the parts
@@ -41,19 +45,15 @@ def page_of(document: Mapping[str, Any], plots: Sequence[str] = ()) -> str:
         f"```console no-run\n$ {command_of(document)}\n```",
         f"meshmark {document['meshmark']}, seed {document['seed']}, public key "
         f"`{document['key_id']}`. Everything but the costs is the same in every run.",
-        _ABOUT_SHARES.format(lucky=document["lucky_ber"], fpr=document["fpr"]),
+        ABOUT_INFORMED.format(fpr=document["fpr"], blind_frames=BLIND_FRAMES)
+        if document["informed"]
+        else _ABOUT_SHARES.format(lucky=document["lucky_ber"], fpr=document["fpr"]),
         *_failures(document),
         *(text for asset in document["assets"] for text in _asset_section(document, asset)),
         _costs(document),
         *_plots(plots),
     ]
     return "\n\n".join(sections) + "\n"
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Lay out a Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _failures(document: Mapping[str, Any]) -> list[str]:
@@ -69,6 +69,9 @@ def _asset_section(document: Mapping[str, Any], asset: Row) -> list[str]:
     spent = [row for row in document["distortion"] if row["asset"] == name]
     schemes = list(dict.fromkeys(row["scheme"] for row in rows))
     sections = [f"## {name}", _frames(asset), "### Distortion", _distortion_table(spent)]
+    if document["informed"]:
+        own = [row for row in document["timings"]["rows"] if row["asset"] == name]
+        return [*sections, *informed_tables(rows, own)]
     for scheme in schemes:
         own = [row for row in rows if row["scheme"] == scheme]
         sections += [f"### {name}, `{scheme}`", _attack_table(own), _worse_rows(own), _control(own)]
@@ -134,13 +137,13 @@ def _attack_table(rows: Sequence[Row]) -> str:
             row["per"],
             *([row["frames"]] if static else []),
             *_errors_against_paper(row),
-            _number(row["log10_p"], ".1f"),
-            _number(row["log10_p_single_frame_median"], ".1f"),
+            number(row["log10_p"], ".1f"),
+            number(row["log10_p_single_frame_median"], ".1f"),
             _found(row),
-            _number(row["attack_mrms_rel"], ".6f"),
-            _number(row["control"]["log10_p"], ".1f"),
+            number(row["attack_mrms_rel"], ".6f"),
+            number(row["control"]["log10_p"], ".1f"),
             _found(row["control"]),
-            _number(row["control"]["frames_lucky"], ".0%"),
+            number(row["control"]["frames_lucky"], ".0%"),
         ]
         for row in rows
     ]
@@ -150,7 +153,7 @@ def _attack_table(rows: Sequence[Row]) -> str:
 def _errors_against_paper(row: Row) -> list[str]:
     cells = []
     for name in ("ber_avg", "ber_max"):
-        text = _number(row[name], ".4f")
+        text = number(row[name], ".4f")
         if is_worse(row, name):
             text = f"**{text} worse**"
         cells += [text, "-" if row["paper"] is None else f"{row['paper'][name]:.4f}"]
@@ -188,8 +191,8 @@ def _diagnosis(row: Row) -> str:
         return head + "; ".join(row["notes"] or ["no part decides enough bits in any frame"])
     time = "the frame" if worst["time"] is None else f"frame {worst['time']:g}"
     return (
-        f"{head}BER avg {_number(row['ber_avg'], '.4f')} for {row['paper']['ber_avg']:.4f}, max "
-        f"{_number(row['ber_max'], '.4f')} for {row['paper']['ber_max']:.4f}; worst is {time}, "
+        f"{head}BER avg {number(row['ber_avg'], '.4f')} for {row['paper']['ber_avg']:.4f}, max "
+        f"{number(row['ber_max'], '.4f')} for {row['paper']['ber_max']:.4f}; worst is {time}, "
         f"where part {worst['part']} does best with {worst['ber']:.4f}"
     )
 
@@ -210,6 +213,7 @@ def _control(rows: Sequence[Row]) -> str:
 
 def _costs(document: Mapping[str, Any]) -> str:
     timings = document["timings"]
+    stages = INFORMED_STAGES if document["informed"] else STAGES
     lines = []
     for asset in timings["assets"]:
         names = asset["asset"], asset["scheme"]
@@ -219,15 +223,20 @@ def _costs(document: Mapping[str, Any]) -> str:
             if (row["asset"], row["scheme"]) == names
             for side in ("marked", "control")
         ]
-        sums = [sum(side.get(f"{stage}_s", 0.0) for side in sides) for stage in STAGES]
+        sums = [sum(side.get(f"{stage}_s", 0.0) for side in sides) for stage in stages]
         own = [asset.get("embed_s"), asset.get("metrics_s"), *sums]
-        lines.append([names[0], f"`{names[1]}`", *(_number(s, ".1f") for s in own)])
-    header = ["asset", "scheme", "mark", "metrics", *STAGES]
+        lines.append([names[0], f"`{names[1]}`", *(number(s, ".1f") for s in own)])
+    header = ["asset", "scheme", "mark", "metrics", *stages]
+    about = (
+        "*Mark* is making the master. *Beside* is laying copies upon their original and reading "
+        "them; *other* is trying keys and names on what was read."
+        if document["informed"]
+        else "*Other* is measuring less segmentation and distances, and judging."
+    )
     return (
         f"## Cost\n\nSeconds, added up over all cells and both columns, whichever processes they "
         f"ran in; this run took {timings['elapsed_s']:.0f} s, and computed only what was not there "
-        f"already. *Other* is measuring less segmentation and distances, and judging.\n\n"
-        f"{table(header, lines)}"
+        f"already. {about}\n\n{table(header, lines)}"
     )
 
 
@@ -235,10 +244,6 @@ def _plots(plots: Sequence[str]) -> list[str]:
     if not plots:
         return []
     return ["## Against strength", *(f"![{name.partition('.')[0]}]({name})" for name in plots)]
-
-
-def _number(x: float | None, form: str) -> str:
-    return "-" if x is None else format(x, form)
 
 
 def _plain(x: Any) -> str:

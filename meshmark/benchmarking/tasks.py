@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from meshmark.benchmarking.cells import measure_distortion, run_cell
+from meshmark.benchmarking.informed_cells import run_informed_cell
 from meshmark.benchmarking.marked_copies import MarkedCopy
 from meshmark.benchmarking.store import Store, identity_hash
 from meshmark.benchmarking.subjects import Subject
@@ -46,21 +47,42 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """An asset and a scheme, with the copies marked by it.
+    """An asset and the layers of a mark, with the copies marked by them.
 
     Parameters
     ----------
+    layers : tuple of Recipe
+        One scheme; or those that are laid upon each other, where copies are read beside the
+        original.
     copies : tuple of MarkedCopy
-        The owner's, and as many recipients' as an attack needs; none if the asset cannot be
-        marked.
+        As many as an attack needs; none if the asset cannot be marked.
     error : str or None
         Why it cannot.
+    informed : bool
+        Whether copies are read beside the original.
+    master : MarkedCopy or None
+        The asset as the blind layers left it.
     """
 
     subject: Subject
-    recipe: Recipe
+    layers: tuple[Recipe, ...]
     copies: tuple[MarkedCopy, ...] = ()
     error: str | None = None
+    informed: bool = False
+    master: MarkedCopy | None = None
+
+    @property
+    def scheme(self) -> str:
+        """Names of the layers."""
+        return " + ".join(layer.scheme for layer in self.layers)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What determines how copies are marked and read."""
+        return {
+            "layers": [layer.as_json() for layer in self.layers],
+            "informed": self.informed,
+        }
 
 
 def subject_identity(bench: Bench, subject: Subject) -> dict[str, Any]:
@@ -100,7 +122,7 @@ class CellTask:
         return {
             "kind": "cell",
             **subject_identity(self.bench, self.pairing.subject),
-            "recipe": self.pairing.recipe.as_json(),
+            **self.pairing.identity,
             "side": self.side,
             "attack": cell.attack,
             "parameters": dict(cell.parameters),
@@ -115,7 +137,17 @@ class CellTask:
         copies: Sequence[Subject | MarkedCopy] = (pairing.subject,) * (1 + cell.others)
         if self.side == "marked":
             copies = pairing.copies[: 1 + cell.others]
-        return run_cell(cell, seed, pairing.recipe, self.bench.key, copies)
+        if pairing.informed:
+            return run_informed_cell(
+                cell,
+                seed,
+                pairing.layers,
+                self.bench.key,
+                copies,
+                original=pairing.subject,
+                master=pairing.master,
+            )
+        return run_cell(cell, seed, pairing.layers[0], self.bench.key, copies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +163,7 @@ class DistortionTask:
         return {
             "kind": "distortion",
             **subject_identity(self.bench, self.pairing.subject),
-            "recipe": self.pairing.recipe.as_json(),
+            **self.pairing.identity,
         }
 
     def work(self) -> dict[str, Any]:

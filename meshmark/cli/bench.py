@@ -18,7 +18,12 @@ from meshmark.cli.options import (
     SetOption,
     TrustedOption,
 )
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SCHEME, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import (
+    DEFAULT_GEODESIC,
+    DEFAULT_LAYERS,
+    DEFAULT_SCHEME,
+    DEFAULT_SEGMENTER,
+)
 
 if TYPE_CHECKING:
     from meshmark.extension.recipe import Recipe
@@ -38,8 +43,21 @@ def bench(
         str, typer.Option(help="tsai2014, liris, animation, leaks, hiding or informed.")
     ],
     schemes: Annotated[
-        list[str], typer.Option("--scheme", help="Watermarking scheme; repeat for more.")
-    ] = [DEFAULT_SCHEME],  # noqa: B006 (typer makes a new list each time)
+        list[str],
+        typer.Option(
+            "--scheme",
+            help="Watermarking scheme; repeat for more. [default: apex; with --informed, "
+            "apex and relief]",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006 (typer makes a new list each time)
+    informed: Annotated[
+        bool,
+        typer.Option(
+            "--informed",
+            help="Lay the schemes upon each other, and verify copies beside their original.",
+        ),
+    ] = False,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006
@@ -56,7 +74,7 @@ def bench(
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Mark every SOURCE, attack the copies, verify them blindly, and report."""
+    """Mark every SOURCE, attack the copies, verify them, and report."""
     from meshmark.benchmarking.benchmark import run_benchmark
     from meshmark.benchmarking.report_document import failures
     from meshmark.benchmarking.suite_rows import cell_from_text
@@ -65,13 +83,14 @@ def bench(
 
     found = suite_named(suite)
     cells = (*found.cells, *(cell_from_text(text) for text in attacks))
-    recipes = recipes_from_text(list(dict.fromkeys(schemes)), segmenter, geodesic, settings)
+    recipes = _recipes(list(dict.fromkeys(schemes)), segmenter, geodesic, settings, informed)
     with frame_progress() as progress:
         document = run_benchmark(
             list(dict.fromkeys(sources)),
             Suite(found.name, cells),
             recipes,
             output,
+            informed=informed,
             frames=frames,
             seed=seed,
             trusted=trusted,
@@ -86,6 +105,28 @@ def bench(
     _tell(document, output)
     if code := exit_code(document):
         raise typer.Exit(code)
+
+
+def _recipes(
+    schemes: Sequence[str],
+    segmenter: str,
+    geodesic: str,
+    settings: Sequence[str],
+    informed: bool,
+) -> Sequence[Recipe]:
+    from meshmark.errors import UsageError
+    from meshmark.extension.recipe import layers_from_text
+
+    if informed:
+        layers = layers_from_text(schemes or DEFAULT_LAYERS, segmenter, geodesic, settings)
+        if not layers[-1].informed:
+            raise UsageError("--informed needs a scheme that reads copies beside their original")
+        return layers
+    recipes = recipes_from_text(schemes or [DEFAULT_SCHEME], segmenter, geodesic, settings)
+    for recipe in recipes:
+        if recipe.informed:
+            raise UsageError(f"scheme {recipe.scheme} needs --informed")
+    return recipes
 
 
 def recipes_from_text(

@@ -77,7 +77,7 @@ def document(tmp_path):
     def make(*cells: tuple[Cell, dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
         bench = Bench(Store(tmp_path / "cells"), benchmark_key(0), 0, {})
         outcome = Outcome(
-            Pairing(HORSE, Recipe("tsai2014")),
+            Pairing(HORSE, (Recipe("tsai2014"),)),
             {"timings": {"embed_s": 9.0}},
             DISTORTION,
             tuple((marked, control) for _, marked, control in cells),
