@@ -4,7 +4,7 @@ Surface distances compare two triangle meshes that need not share a connectivity
 compare the same vertices before and after. `docs/metrics.md` has them all on one page.
 """
 
-from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
+from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change, normal_turn
 from meshmark.metrics.motion import flicker, flicker_world, jitter
 from meshmark.metrics.summary import Distortion, distortion
 from meshmark.metrics.surface_distance import SurfaceDistance, hausdorff, mrms, surface_distance
@@ -22,6 +22,7 @@ __all__ = [
     "max_move_edges",
     "min_angle_change",
     "mrms",
+    "normal_turn",
     "surface_distance",
     "texture_drift",
 ]

@@ -62,6 +62,28 @@ def smallest_angles(V: FloatArray, F: IntArray) -> FloatArray:
     return np.degrees(angles.min(axis=1))
 
 
+def normal_turn(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
+    """Measure by how much normals turned: root mean square over the area before, in degrees.
+
+    A face without area before or after has no normal and is not counted.
+
+    Parameters
+    ----------
+    V0, V1 : (N, 3) float64
+        Vertex positions before and after.
+    F : (F, 3) int
+        Triangles.
+    """
+    n0, n1 = _normals(V0, F), _normals(V1, F)
+    area = np.linalg.norm(n0, axis=1) * (np.linalg.norm(n1, axis=1) > 0.0)
+    if not area.any():
+        return 0.0
+    # The arctangent is exact for small angles, where a cosine near 1 has no digits left.
+    sine = np.linalg.norm(np.cross(n0, n1), axis=1)
+    angle = np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", n0, n1)))
+    return float(np.sqrt((area * angle**2).sum() / area.sum()))
+
+
 def max_move_edges(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
     """Measure the largest move of a vertex in mean edge lengths of the mesh before.
 

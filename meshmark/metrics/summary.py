@@ -11,7 +11,7 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change
+from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change, normal_turn
 from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.metrics.texture import texture_drift
@@ -32,6 +32,8 @@ class Distortion:
         Faces whose normal turned by more than 90 degrees.
     min_angle_change : float
         Largest loss of a face's smallest angle, in degrees.
+    normal_turn : float
+        Root mean square over the area by which normals turned, in degrees.
     max_move_edges : float
         Largest move of a vertex in mean edge lengths.
     texture_drift : float
@@ -58,6 +60,7 @@ class Distortion:
     mrms_rel: float
     flipped_faces: float
     min_angle_change: float
+    normal_turn: float
     max_move_edges: float
     texture_drift: float
     flicker: float
@@ -155,12 +158,16 @@ def _frame_distortion(
     }
     pair = (before.points, after.points, before.faces)
     if not before.topology.same_as(after.topology):
-        unknown = ("flipped_faces", "min_angle_change", "max_move_edges", "texture_drift")
+        unknown = (
+            *("flipped_faces", "min_angle_change", "normal_turn"),
+            *("max_move_edges", "texture_drift"),
+        )
         return {**row, **dict.fromkeys(unknown, math.nan)}
     return {
         **row,
         "flipped_faces": float(flipped_faces(*pair)),
         "min_angle_change": min_angle_change(*pair),
+        "normal_turn": normal_turn(*pair),
         "max_move_edges": max_move_edges(*pair),
         "texture_drift": math.nan if uv is None else float(texture_drift(*pair, uv).max()),
     }

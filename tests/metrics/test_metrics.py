@@ -17,6 +17,7 @@ from meshmark.metrics import (
     max_move_edges,
     min_angle_change,
     mrms,
+    normal_turn,
     surface_distance,
 )
 from meshmark.testing.attacks import bending_ball, sphere
@@ -142,6 +143,17 @@ def test_faces_without_area_are_not_counted_as_flipped():
     assert flipped_faces(V0, V1, F) == 0
 
 
+def test_normals_turn_by_the_slope_of_what_is_raised():
+    V, F = plane(10, size=2.0)
+    tilted = V + np.tan(np.radians(3.0)) * V[:, [0]] * [0, 0, 1]
+    assert normal_turn(V, tilted, F) == pytest.approx(3.0)
+    # One side of two, by area.
+    bent = V + np.tan(np.radians(3.0)) * np.maximum(V[:, [0]] - 1.0, 0.0) * [0, 0, 1]
+    assert normal_turn(V, bent, F) == pytest.approx(3.0 * math.sqrt(0.5), rel=1e-6)
+    assert normal_turn(V, V, F) == 0.0
+    assert normal_turn(np.zeros_like(V), V, F) == 0.0
+
+
 def test_moves_are_counted_in_mean_edge_lengths():
     # A right triangle 3, 4, 5: mean edge 4.
     V = np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])
@@ -194,6 +206,7 @@ def test_distortion_gathers_the_measures_over_frames():
             "mrms_rel": mean / diagonal,
             "flipped_faces": 0.0,
             "min_angle_change": 0.0,
+            "normal_turn": 0.0,
             "max_move_edges": mean / edge,
             "texture_drift": math.nan,
             "flicker": flickering,
@@ -230,7 +243,7 @@ def test_other_connectivities_are_compared_as_surfaces_only():
     assert found.hausdorff == pytest.approx(0.5)
     surface = {"hausdorff", "mrms", "hausdorff_rel", "mrms_rel"}
     others = {name: value for name, value in asdict(found).items() if name not in surface}
-    assert len(others) == 7
+    assert len(others) == 8
     assert all(math.isnan(value) for value in others.values())
 
 
