@@ -46,6 +46,13 @@ def test_diffusion_damps_a_wave_at_the_rate_of_the_heat_equation():
     assert rate[0] == pytest.approx(1.0 / (1.0 + 2.0 * time * 4.0 * np.pi), rel=0.02)
 
 
+def test_diffusion_beyond_the_range_of_numbers_is_a_breakdown() -> None:
+    V, F = icosphere(1)
+    dual = DualGraph.of(V, F)
+    with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        diffuse(np.full((len(F), 1), np.inf), dual, 1e-3)
+
+
 # Mixture
 
 

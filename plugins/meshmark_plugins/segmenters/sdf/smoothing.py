@@ -47,4 +47,8 @@ def diffuse(X: FloatArray, dual: DualGraph, time: float) -> FloatArray:
     factors = splu(
         M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
-    return factors.solve(area[:, None] * X)
+    smooth = factors.solve(area[:, None] * X)
+    if not np.isfinite(smooth).all():
+        # One face may be so much larger than all others that their sums are lost in its own.
+        raise np.linalg.LinAlgError("the solution is not finite")
+    return smooth
