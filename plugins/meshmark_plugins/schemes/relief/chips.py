@@ -10,15 +10,12 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark_plugins.schemes.relief.basis import Basis
 
-# Most iterations of the solver: the first round only serves to tell noise from chips.
-ROUGH, FINE = 24, 24
-TOLERANCE = 1e-3
+# Most iterations of the solver, and the share of the residual at which it stops.
+ITERATIONS, TOLERANCE = 24, 1e-3
 # A soft chip is its estimate over so many root mean squares, so that few are cut.
 CUT = 4.0
 # Noise is at least this share of the height: what nobody touched is never exact.
 LEAST_NOISE = 0.1
-# Power of what is left of the chips, at least: in a mean of n copies it is 1 / n.
-LEAST_POWER = 0.01
 # Turns the median absolute deviation of a normal distribution into its standard deviation.
 MAD_TO_SIGMA = 1.4826
 
@@ -33,13 +30,21 @@ class Heights:
         Mean height of the copy's vertices about each vertex; 0 where there are none.
     count : (N,) float64
         How many they are, shared among the corners of the triangle they lie on.
+    scatter : (N,) float64
+        Variance of that mean, where one vertex's height has the variance 1.
     deviation : float
         Standard deviation of the heights of the copy's vertices; inf if there are too few.
     """
 
     value: FloatArray
     count: FloatArray
+    scatter: FloatArray
     deviation: float
+
+    @classmethod
+    def of_nothing(cls, n_points: int) -> Heights:
+        """Say that nothing lies on the reference."""
+        return cls(np.zeros(n_points), np.zeros(n_points), np.ones(n_points), np.inf)
 
 
 def soft_chips(basis: Basis, height: float, frames: Sequence[Heights]) -> FloatArray:
@@ -60,51 +65,49 @@ def soft_chips(basis: Basis, height: float, frames: Sequence[Heights]) -> FloatA
 
     Notes
     -----
-    The model of frame t is r_t = A B w + noise of variance sigma_t^2 / count, with chips w of
-    variance P. The linear estimate of least mean square error is a sum over frames,
-    w^ = (sum_t B' p_t B + 1 / P)^-1 sum_t B' p_t r_t / A, with p_t = count A^2 / sigma_t^2. It is
-    kept linear: of what is left of each of many copies in their mean, the size of w^ tells more
-    than its sign.
+    The model of frame t is r_t = A B w + noise, with chips w of variance 1, and noise of variance
+    sigma_t^2 in the height of one vertex. The linear estimate of least mean square error is a sum
+    over frames, w^ = (sum_t B' p_t B + 1)^-1 sum_t B' p_t r_t / A, where
+    p_t = A^2 count / sigma_t^2.
+    It is kept linear: of what is left of each of many copies in their mean, the size of w^ tells
+    more than its sign. The variance of noise is that of the heights, less what a first estimate
+    explains. What that leaves over would be less: with fewer vertices than chips, it fits noise.
     """
     r = np.stack([frame.value for frame in frames], axis=1) / height
     count = np.stack([frame.count for frame in frames], axis=1)
     if not count.any():
         return np.zeros((len(frames), basis.n_chips))
-    p = count / _variance(r, count)
-    w = _solve(basis, p.sum(axis=1), 1.0, (p * r).sum(axis=1, keepdims=True), ROUGH)
-    p = count / _variance(r - basis.heights(w), count)
-    total = p.sum(axis=1)
-    share = basis.squares(total) / (basis.squares(total) + 1.0)
-    power = max(LEAST_POWER, float((w**2).sum() / share.sum()))
-    parts = _solve(basis, total, power, p * r, FINE)
+    variance = np.array([_variance(frame) for frame in frames]) / height**2
+    p = count / np.maximum(variance, LEAST_NOISE**2)
+    f = basis.heights(_solve(basis, p.sum(axis=1), (p * r).sum(axis=1, keepdims=True))[:, 0])
+    explained = np.average(f**2, weights=count.sum(axis=1))
+    p = count / np.maximum(variance - explained, LEAST_NOISE**2)
+    parts = _solve(basis, p.sum(axis=1), p * r)
     rms = np.sqrt((parts**2).mean()) or 1.0
     return np.clip(parts.T / (CUT * rms), -1.0, 1.0)
 
 
-def _variance(left: FloatArray, count: FloatArray) -> FloatArray:
-    """Measure the variance of one vertex's noise from (N, T), by the median, (T,)."""
-    scaled = np.where(count > 0.0, np.sqrt(count) * left, np.nan)
-    seen = (count > 0.0).any(axis=0)
-    sigma = np.full(count.shape[1], np.inf)
-    middle = np.nanmedian(scaled[:, seen], axis=0)
-    sigma[seen] = MAD_TO_SIGMA * np.nanmedian(np.abs(scaled[:, seen] - middle), axis=0)
-    return np.maximum(sigma, LEAST_NOISE) ** 2
+def _variance(frame: Heights) -> float:
+    """Measure the variance of the height of one vertex, by the median; inf if unknown."""
+    seen = frame.count > 0.0
+    if not seen.any():
+        return np.inf
+    x = frame.value[seen] / np.sqrt(frame.scatter[seen])
+    return float((MAD_TO_SIGMA * np.median(np.abs(x - np.median(x)))) ** 2)
 
 
-def _solve(
-    basis: Basis, p: FloatArray, power: float, right: FloatArray, iterations: int
-) -> FloatArray:
-    """Solve (B' p B + 1 / power) w = B' right for columns (N, T), by conjugate gradients."""
+def _solve(basis: Basis, p: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve (B' p B + 1) w = B' right for columns (N, T), by conjugate gradients."""
 
     def apply(w: FloatArray) -> FloatArray:
-        return basis.adjoint(p[:, None] * basis.heights(w)) + w / power
+        return basis.adjoint(p[:, None] * basis.heights(w)) + w
 
-    preconditioner = 1.0 / (basis.squares(p) + 1.0 / power)[:, None]
-    return _conjugate_gradients(apply, basis.adjoint(right), preconditioner, iterations)
+    preconditioner = 1.0 / (basis.squares(p) + 1.0)[:, None]
+    return _conjugate_gradients(apply, basis.adjoint(right), preconditioner)
 
 
 def _conjugate_gradients(
-    A: Callable[[FloatArray], FloatArray], b: FloatArray, M: FloatArray, iterations: int
+    A: Callable[[FloatArray], FloatArray], b: FloatArray, M: FloatArray
 ) -> FloatArray:
     """Solve A x = b for columns b (K, T) at once, each by steps of its own.
 
@@ -118,7 +121,7 @@ def _conjugate_gradients(
     d = z
     rz = (r * z).sum(axis=0)
     enough = TOLERANCE**2 * rz
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         if np.all(rz <= enough):
             break
         Ad = A(d)

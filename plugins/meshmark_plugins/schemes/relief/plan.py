@@ -43,8 +43,10 @@ def plan_heights(animation: MeshAnimation, f: FloatArray) -> FloatArray:
     """Lower heights f (N,) where the surface is thin or its triangles are small, in any pose."""
     share = np.ones(len(f))
     for index in spread(len(animation), POSES):
-        V, F = animation[index].points, animation[index].faces
-        bounded = np.clip(share * f, -room(V, F), room(V, F))
-        share *= np.divide(bounded, share * f, out=np.ones(len(f)), where=share * f != 0.0)
+        frame = animation[index]
+        V, F = frame.points, frame.faces
+        height = np.abs(share * f)
+        limit = room(V, F)
+        share *= np.divide(limit, height, out=np.ones(len(f)), where=height > limit)
         share *= allowed(V, F, share * f)
     return share * f

@@ -44,15 +44,25 @@ def heights(
     n_points = len(V)
     face, weight, d, on = (_offsets if by_identity else _signed_distances)(view, V, F)
     if on.sum() < FEWEST:
-        return Heights(np.zeros(n_points), np.zeros(n_points), np.inf)
+        return Heights.of_nothing(n_points)
     face, weight, d = face[on], weight[on], d[on]
     X = _at(_columns(view, V, F), F, face, weight)
     left, deviation = _without(X, d)
-    corners = F[face]
-    parts = np.stack([weight, weight * left[:, None]], axis=-1).reshape(-1, 2)
-    count, total = (np.bincount(corners.ravel(), part, n_points).astype(float) for part in parts.T)
-    value = np.divide(total, count, out=np.zeros(n_points), where=count > 0.0)
-    return Heights(value, count, deviation)
+    return _carried(left, F[face], weight, n_points, deviation)
+
+
+def _carried(
+    left: FloatArray, corners: IntArray, weight: FloatArray, n_points: int, deviation: float
+) -> Heights:
+    """Carry heights (n,) of places to the corners (n, 3) of their triangles, by weights there."""
+    sums = np.stack([weight, weight * left[:, None], weight**2], axis=-1).reshape(-1, 3)
+    count, total, square = (
+        np.bincount(corners.ravel(), each, n_points).astype(np.float64) for each in sums.T
+    )
+    seen = count > 0.0
+    value = np.divide(total, count, out=np.zeros(n_points), where=seen)
+    scatter = np.divide(square, count**2, out=np.ones(n_points), where=seen)
+    return Heights(value, count, scatter, deviation)
 
 
 def _signed_distances(
