@@ -20,7 +20,7 @@ from meshmark.cli.options import (
     load_key,
 )
 from meshmark.errors import MeshmarkError
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
     from meshmark.detection.verdict import Named, PrimVerdict, Verdict
@@ -115,6 +115,7 @@ def verify(
         raise UsageError("--master needs --original")
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
+        named=bool(scheme),
         recipients=_names(recipient),
         frames=frames,
         evidence=evidence,
@@ -155,16 +156,14 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 def _recipes(
     schemes: Sequence[str], segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
-    from meshmark.extension.recipe import layers_from_text, recipe_from_text, scheme_names
+    from meshmark.errors import UsageError
+    from meshmark.extension.recipe import all_schemes, layers_from_text, scheme_names
 
     if schemes:
         return layers_from_text(schemes, segmenter, geodesic, settings)
-    names = scheme_names()
-    if settings and len(names) > 1:
-        from meshmark.errors import UsageError
-
-        raise UsageError(f"--set needs --scheme, one of {', '.join(names)}")
-    return [recipe_from_text(name, segmenter, geodesic, settings) for name in names]
+    if settings:
+        raise UsageError(f"--set needs --scheme, one of {', '.join(scheme_names())}")
+    return all_schemes(segmenter, geodesic)
 
 
 @dataclass(frozen=True)
@@ -172,6 +171,7 @@ class Request:
     """Options that apply to every source."""
 
     recipes: Sequence[Recipe]
+    named: bool
     recipients: Sequence[str]
     frames: str
     evidence: Path | None
@@ -180,6 +180,12 @@ class Request:
     trusted: bool
     original: str | None
     master: str | None
+
+    @property
+    def master_layers(self) -> list[Recipe]:
+        """What the master is made by: of schemes that nobody named, those that `embed` uses."""
+        blind = [recipe for recipe in self.recipes if not recipe.informed]
+        return blind if self.named else [each for each in blind if each.scheme in DEFAULT_LAYERS]
 
 
 def _names(recipients: Sequence[str]) -> list[str]:
@@ -222,7 +228,9 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
         progress("read", source, 0, 1)
         asset = read(source, isolated=not request.trusted)
         progress("read", source, 1, 1)
-        original = None if request.original is None else read(request.original)
+        original = None
+        if request.original is not None:
+            original = read(request.original, isolated=not request.trusted)
         return verify_asset(
             asset,
             secret,
@@ -240,19 +248,17 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
 def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) -> Any:
     """Read the master, or return what makes it again; None where no blind layer is tried."""
     from meshmark.embedding.asset import embed
-    from meshmark.extension.recipe import default_layers
     from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
     if request.master is not None:
-        return read(request.master)
-    tried = {recipe.scheme for recipe in request.recipes}
-    blind = [each for each in default_layers() if not each.informed and each.scheme in tried]
-    if not blind:
+        return read(request.master, isolated=not request.trusted)
+    layers = request.master_layers
+    if not layers:
         return None
 
     def made() -> Asset:
-        return embed(original, secret, recipe=blind, jobs=default_jobs(), progress=tell).asset
+        return embed(original, secret, recipe=layers, jobs=default_jobs(), progress=tell).asset
 
     return made
 

@@ -70,7 +70,7 @@ def decide(
             for item, each in zip(evidence, corrections, strict=True)
         ]
     if not judged:
-        return Verdict(source, "inconclusive", 0.0, None, 0.0, (), tuple(notes))
+        return Verdict.of_nothing(source, notes)
     by_prim: dict[str, list[_Judged]] = {}
     for one in judged:
         for prim in (one.evidence.prim, *one.evidence.also):

@@ -70,7 +70,8 @@ def kept_evidence(
     # Of a source that was read apart all is read, and known to be what was hashed.
     states = [] if isolated else _states(source)
     asset = read(source, isolated=isolated)
-    beside = [read(name) for name in (original, master) if name is not None]
+    names = [name for name in (original, master) if name is not None]
+    beside = [read(name, isolated=isolated) for name in names]
     wanted = StoredEvidence(
         files=_digests(asset),
         original=tuple(pair for each in beside for pair in _digests(each)),

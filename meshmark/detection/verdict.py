@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -158,6 +158,11 @@ class Verdict:
     recipients: tuple[Named, ...] = ()
     original: str | None = None
 
+    @classmethod
+    def of_nothing(cls, source: str, notes: Sequence[str] = (), elapsed_s: float = 0.0) -> Verdict:
+        """Say of a source that nothing in it was looked at."""
+        return cls(source, "inconclusive", 0.0, None, elapsed_s, (), tuple(notes))
+
     def as_json(self) -> dict[str, Any]:
         """Return the entry of this source in `verify --json`."""
         said = self.unauthenticated
@@ -184,7 +189,7 @@ def without_weight(verdict: Verdict) -> Verdict:
         f"it says {verdict.verdict}{whose}, log10 p {verdict.log10_p:.2f}"
     )
     notes = (*verdict.notes, note)
-    nothing = Verdict(verdict.source, "inconclusive", 0.0, None, verdict.elapsed_s, (), notes)
+    nothing = Verdict.of_nothing(verdict.source, notes, verdict.elapsed_s)
     return replace(nothing, unauthenticated=verdict)
 
 

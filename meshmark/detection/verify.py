@@ -107,10 +107,13 @@ def verify(
         jobs=jobs,
         progress=progress,
     )
-    if blind and verdict.log10_p + QUADRUPLE > np.log10(fpr):
-        alone = verify_blindly(
-            copy, key, blind, names, frames=frames, fpr=fpr, jobs=jobs, progress=progress
-        )
+    if blind:
+        # What decides by itself is corrected like the product: it might not have decided.
+        alone = Verdict.of_nothing(copy.source)
+        if verdict.log10_p + QUADRUPLE > np.log10(fpr):
+            alone = verify_blindly(
+                copy, key, blind, names, frames=frames, fpr=fpr, jobs=jobs, progress=progress
+            )
         verdict = jointly(alone, verdict, fpr)
     return replace(verdict, elapsed_s=time.perf_counter() - start)
 
@@ -227,12 +230,12 @@ def judge_all(
         notes=evidence.notes,
     )
     alone = [item for item in evidence.items if item.informed is None]
-    beside = [item for item in evidence.items if item.informed is not None]
     verdict = judged(alone, n_schemes=max(1, evidence.n_schemes))
     if evidence.original is not None:
+        beside = [item for item in evidence.items if item.informed is not None]
         n_informed = max(1, len({item.scheme for item in beside}))
         informed = replace(judged(beside, n_schemes=n_informed), original=evidence.original)
-        verdict = jointly(verdict, informed, fpr)
+        verdict = jointly(verdict, informed, fpr) if evidence.n_schemes else informed
     elapsed = evidence.elapsed_s + time.perf_counter() - start
     verdict = replace(verdict, elapsed_s=elapsed)
     return verdict if evidence.authenticated else without_weight(verdict)

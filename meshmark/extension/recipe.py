@@ -284,9 +284,12 @@ def within_mrms(layers: Sequence[Recipe], max_mrms: float | None = None) -> tupl
     )
 
 
-def all_schemes() -> tuple[Recipe, ...]:
-    """Return a recipe for each scheme there is, with its default parameters."""
-    return tuple(Recipe(name, DEFAULT_SEGMENTER, DEFAULT_GEODESIC) for name in scheme_names())
+def all_schemes(
+    segmenter: str = DEFAULT_SEGMENTER, geodesic: str = DEFAULT_GEODESIC
+) -> tuple[Recipe, ...]:
+    """Return a recipe for each scheme there is, with the parameters that `embed` marks with."""
+    layers = {layer.scheme: layer.settings for layer in default_layers()}
+    return tuple(Recipe(name, segmenter, geodesic, layers.get(name, {})) for name in scheme_names())
 
 
 def blind_schemes() -> tuple[Recipe, ...]:

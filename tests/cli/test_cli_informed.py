@@ -203,3 +203,35 @@ def test_a_master_that_makes_no_sense_is_refused(run, studio, options, word) -> 
 def test_a_scheme_twice_is_refused(run) -> None:
     twice = ("--scheme", "relief", "--scheme", "relief")
     refused(run("embed", "horns.usdc", "-o", "new.usdc", "--key", "k", *twice), 2, "layers")
+
+
+def test_originals_and_masters_are_read_like_copies_in_a_process_of_their_own(
+    run, monkeypatch
+) -> None:
+    from meshmark.sources import reading
+
+    seen: dict[str, bool] = {}
+    read = reading.read
+
+    def noticed(source, *arguments, isolated=False):
+        seen[str(source)] = isolated
+        return read(source, *arguments, isolated=isolated)
+
+    monkeypatch.setattr(reading, "read", noticed)
+    beside = ("--original", "horns.usdc", "--master", "horns.usdc", "--scheme", "relief")
+    run("verify", "horns-acme.usdc", "--key", "k", *beside)
+    assert seen == {"horns-acme.usdc": True, "horns.usdc": True}
+    run("verify", "horns-acme.usdc", "--key", "k", *beside, "--trusted")
+    assert seen == {"horns-acme.usdc": False, "horns.usdc": False}
+
+
+@pytest.mark.parametrize(
+    ("schemes", "made_by"),
+    [([], ["apex"]), (["relief"], []), (["cho2007", "relief"], ["cho2007"])],
+)
+def test_the_master_is_made_by_the_layers_asked_for(schemes, made_by) -> None:
+    from meshmark.cli.verify import Request, _recipes
+
+    recipes = _recipes(schemes, "sdf", "heat", [])
+    request = Request(recipes, bool(schemes), [], ":", None, True, 1e-6, False, "x", None)
+    assert [layer.scheme for layer in request.master_layers] == made_by

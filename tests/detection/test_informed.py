@@ -77,6 +77,18 @@ def test_another_key_and_the_original_itself_are_not_marked(copy) -> None:
     assert verify(bare, KEY, recipes=RELIEF, original=horned()).verdict == "not marked"
 
 
+def test_what_decides_before_the_copy_was_read_alone_is_corrected_for_that_look(copy) -> None:
+    """Apex finds nothing to look at on so few points, but it would have been asked."""
+    both = [Recipe("apex"), *RELIEF]
+    alone = verify(copy, KEY, recipes=RELIEF, original=horned())
+    found = verify(copy, KEY, recipes=both, original=horned())
+    assert found.verdict == "marked"
+    assert found.log10_p == pytest.approx(alone.log10_p + np.log10(4.0))
+    assert found.recipients[0].log10_p == pytest.approx(alone.recipients[0].log10_p + np.log10(4.0))
+    assert found.prims[0].informed.log10_p == alone.log10_p
+    assert found.original == alone.original
+
+
 def test_every_mesh_of_the_original_is_read_where_it_lies() -> None:
     torus_, tube = mesh(torus(40, 20), "/Torus"), mesh(bent_tube(24, 40), "/Tube", 3.0)
     marked = embed(asset(torus_, tube), KEY, recipe=RELIEF).asset
