@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from meshmark.alignment.following import FollowFrame
 from meshmark.alignment.original import Original
 from meshmark.alignment.placement import AssetAlignment, MeshAlignment
-from meshmark.alignment.pose_samples import spread
 from meshmark.alignment.refinement import Placement
-from meshmark.alignment.search import FEATURES, IDENTITY, PCA, FollowFrame, Search
+from meshmark.alignment.search import FEATURES, IDENTITY, PCA, Search
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut
-from meshmark.mesh.frame_range import frames_in, in_range
+from meshmark.mesh.frame_range import frames_in, in_range, spread
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshmark.alignment.copy_frames import CopyFrame
-from meshmark.alignment.pose_samples import PoseSamples, spread
+from meshmark.alignment.pose_samples import PoseSamples
 from meshmark.alignment.refinement import Placement
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import surface_samples
+from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import area_vectors, edge_length, face_areas, lengths, normalized
 from meshmark.mesh.open3d_import import load_open3d
 

@@ -8,6 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
+from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.original import Original
 from meshmark.alignment.pose_samples import PoseSamples
 from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import FloatArray, IntArray
@@ -114,3 +116,37 @@ class ByIdentity:
     def match(self, X: FloatArray) -> Match:
         """Match each vertex with its own."""
         return self._match
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestAt:
+    """Matches vertices with the closest points of the original in a pose."""
+
+    original: Original
+
+    def __call__(self, pose: float) -> Matcher:
+        """Return the matcher of a pose."""
+        return ByClosestPoint(self.original.animation, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class SamplesAt:
+    """Matches vertices with the nearest of some samples of the original in a pose."""
+
+    original: Original
+
+    def __call__(self, pose: float) -> Matcher:
+        """Return the matcher of a pose."""
+        return BySamples(self.original.samples, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class PairedAt:
+    """Matches vertices with their own of the original in a pose."""
+
+    original: Original
+    frame: CopyFrame
+
+    def __call__(self, pose: float) -> Matcher:
+        """Return the matcher of a pose."""
+        return ByIdentity(self.original.animation, pose, self.frame.vertices)

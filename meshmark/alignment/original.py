@@ -7,13 +7,14 @@ from functools import cached_property
 import numpy as np
 
 from meshmark.alignment.copy_frames import CopyFrame
-from meshmark.alignment.pose_samples import PoseSamples, spread
+from meshmark.alignment.pose_samples import PoseSamples
 from meshmark.alignment.poses import posed, remembered
 from meshmark.alignment.procrustes import misfits
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import AlignmentError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.closest_points import sample_surface
+from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import surface_box
 
 PAIRS = 1000

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -127,8 +126,3 @@ class Moments:
         second = sum((p * area[:, None]).T @ p for p in (a, b, c, total)) / 12.0
         self.radius = float(np.sqrt(np.trace(second)))
         self.axes: FloatArray = np.linalg.eigh(second)[1][:, ::-1]
-
-
-def spread(count: int, most: int) -> Sequence[int]:
-    """Choose at most so many of `count` indices, evenly."""
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round())]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,112 +11,48 @@ from scipy.spatial.transform import Rotation
 from meshmark.alignment.axes import by_axes
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.features import by_features
-from meshmark.alignment.maps import maps_of
-from meshmark.alignment.matching import ByClosestPoint, ByIdentity, BySamples, Matcher
+from meshmark.alignment.fit import (
+    ALIKE,
+    FITS,
+    KEPT,
+    MOST,
+    NEAR,
+    REACH,
+    Fit,
+    alike,
+    best_of,
+    better,
+    misfit,
+    shortfall,
+)
+from meshmark.alignment.matching import ClosestAt, Matcher, PairedAt, SamplesAt
 from meshmark.alignment.original import Original
-from meshmark.alignment.placement import FramePlacement
-from meshmark.alignment.pose_samples import spread
 from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import robust_similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
-from meshmark.alignment.robust import TUKEY, scale_of
-from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import edge_length, face_areas
 
 IDENTITY, PCA, FEATURES = "identity", "pca", "features"
 # Vertices that rough and exact placements are computed from, at most, and their rounds.
 ROUGH, ROUGH_ROUNDS = 600, 12
 EXACT, EXACT_ROUNDS = 12_000, 30
-# Where an exact placement starts, most vertices are nearer than this share of the diagonal.
-REACH = 0.05
-# Nearer vertices lie on the original, if the normals agree.
-NEAR = 0.02
-# The share of them whose distances make the residual, in mean squares, and what it may be.
-KEPT, FITS = 0.9, 0.008
 # Vertices cover what is nearer than this quantile of edges is long.
 LONG = 0.95
 # Paired vertices may slide along the surface.
 FITS_PAIRED = 0.03
-# Either most of the copy lies on the original, or most of the original has copy on it.
-MOST, LEAST = 0.6, 0.03
-# Placements of a whole leave less than this; if one does not, local features are tried, too.
-WELL, WHOLE = 1e-3, 0.97
 # Below, vertices slide along the surface: the closest points tell more of it than theirs.
 SLIDES = 0.1
-# Distances in single precision.
-ROUNDING = 1e-7
 # Poses that a frame near to a known placement may start from.
 POSES = 4
 # Frames that are tried before nothing fits, and separate surfaces of a frame.
 TRIED, PARTS = 3, 4
 # Rough placements that are told apart, and made exact.
 TOLD_APART, MADE_EXACT = 8, 2
-# Placements that differ by more than this share of the diagonal are not the same; one is better
-# if its distances are smaller by so many standard errors, or by this factor.
-DIFFERENT, SURE, ALIKE = 0.02, 5.0, 1.5
-# Distances of so many vertices err alike.
-CORRELATED = 10
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A placement of a frame, and what is left.
-
-    Parameters
-    ----------
-    placement : Placement
-    distances : (n,) float64
-        Of some of the vertices from the surface, as shares of the diagonal.
-    near : float
-        Share of the vertices that lie on the original.
-    covered : float
-        Share of the original's area that has vertices on it.
-    extent : float
-        Diagonal of these vertices, as a share of the original's; in rough fits, of all.
-    slip : float
-        See `meshmark.alignment.matching.Match.slip`; 0 for vertices that are not paired.
-    """
-
-    placement: Placement
-    distances: FloatArray
-    near: float = 0.0
-    covered: float = 0.0
-    extent: float = 0.0
-    slip: float = 0.0
-
-    @cached_property
-    def residual(self) -> float:
-        """Root mean square distance of the vertices that belong there, but the farthest tenth."""
-        within = np.sort(self.distances[self.distances < NEAR])
-        if within.size:
-            within = within[within <= TUKEY * max(scale_of(within), ROUNDING)]
-        within = within[: max(1, round(KEPT * len(within)))]
-        return float(np.sqrt((within**2).mean())) if within.size else np.inf
-
-    @property
-    def fits(self) -> bool:
-        """Whether the copy lies there."""
-        return (
-            self.residual < FITS * min(1.0, self.extent)
-            and max(self.near, self.covered) >= MOST
-            and self.covered >= LEAST
-        )
-
-    @property
-    def is_good(self) -> bool:
-        """Whether nothing better is to be expected: that it fits is no accident of a symmetry."""
-        return self.fits and (self.residual < WELL or self.covered > WHOLE)
-
-    @property
-    def misfit(self) -> float:
-        """Mean distance, where whatever is not near counts as far, in diagonals of the copy.
-
-        Else, the best placement would be one that shrinks the copy to a point.
-        """
-        size = min(1.0, max(self.extent, ROUNDING))
-        return float(np.minimum(self.distances, REACH).mean()) / size
+# Placements that differ by more than this share of the diagonal are not the same.
+DIFFERENT = 0.02
 
 
 class Search:
@@ -158,7 +92,7 @@ class Search:
                 except MeshmarkError as error:
                     reason = error.message
                     continue
-                if fit is not None and (best is None or _better(fit, best[1])):
+                if fit is not None and (best is None or better(fit, best[1])):
                     best = method, fit
                 if fit is None or fit.fits:
                     break
@@ -167,7 +101,7 @@ class Search:
         if best is not None and best[1].fits:
             return best[0], best[1].placement
         raise AlignmentError(
-            reason if best is None else _shortfall(best[1]),
+            reason if best is None else shortfall(best[1]),
             source=self._meshes[0].origin,
             prim=self._meshes[0].prim,
         )
@@ -210,7 +144,7 @@ class Search:
         some = frame.some(ROUGH)
         poses = samples.nearest(start(some.points), POSES)
         rough = [self._rough(some, Placement(start.A, pose), REACH) for pose in poses]
-        return self._exact(frame, min(rough, key=_misfit).placement)
+        return self._exact(frame, min(rough, key=misfit).placement)
 
     def _by_identity(self, frame: CopyFrame) -> Fit | None:
         original = self._original
@@ -223,17 +157,17 @@ class Search:
         apart = np.linalg.norm(start(some.points) - there, axis=1) / original.diagonal
         if not np.quantile(apart, KEPT) < 2.0 * FITS_PAIRED:
             return None
-        found, rest = self._refined(some, start, _Paired(original, some), EXACT_ROUNDS)
+        found, rest = self._refined(some, start, PairedAt(original, some), EXACT_ROUNDS)
         if np.quantile(rest.distances, KEPT) > FITS_PAIRED:
             return None
         if rest.slip < SLIDES:
-            found, _ = self._refined(some, found, _Closest(original), EXACT_ROUNDS)
+            found, _ = self._refined(some, found, ClosestAt(original), EXACT_ROUNDS)
         return self._fit(frame, found, rest.slip)
 
     def _by_axes(self, frame: CopyFrame) -> Fit | None:
         best = None
         for part in (frame, *frame.parts(PARTS)):
-            best = _best_of(best, self._best(part, by_axes(part, self._original.samples)))
+            best = best_of(best, self._best(part, by_axes(part, self._original.samples)))
             if best is not None and best.is_good:
                 break
         return best
@@ -246,17 +180,17 @@ class Search:
         best = None
         for part in [frame, *frame.parts(1)]:
             for starts in by_features(part, original.samples, original.diagonal, area, edge):
-                best = _best_of(best, self._best(part, starts))
+                best = best_of(best, self._best(part, starts))
                 if best is not None and best.fits:
                     return best
         return best
 
     def _best(self, frame: CopyFrame, starts: Iterable[Placement]) -> Fit | None:
         """Make the best of rough placements exact."""
-        rough = sorted((self._rough(frame, start) for start in starts), key=_misfit)
+        rough = sorted((self._rough(frame, start) for start in starts), key=misfit)
         if not rough:
             return None
-        best = min((self._exact(frame, fit.placement) for fit in rough[:MADE_EXACT]), key=_misfit)
+        best = min((self._exact(frame, fit.placement) for fit in rough[:MADE_EXACT]), key=misfit)
         if not best.fits:
             return best
         turned = [self._rough_fit(frame.some(ROUGH), each) for each in self._turned(best)]
@@ -280,11 +214,11 @@ class Search:
             # Worse than this before it has converged, it is no rival.
             if other.misfit > FITS + ALIKE * best.misfit:
                 continue
-            refinement = self._refinement(some, _Closest(original), REACH)
+            refinement = self._refinement(some, ClosestAt(original), REACH)
             found = refinement.refine(other.placement, EXACT_ROUNDS, free_pose=False)
             apart = np.linalg.norm(found(some.points) - X, axis=1).mean()
             theirs = np.minimum(self._rough_fit(some, found).distances, NEAR)
-            if apart < DIFFERENT * original.diagonal or not _alike(own, theirs):
+            if apart < DIFFERENT * original.diagonal or not alike(own, theirs):
                 continue
             if found.mirrors:
                 continue
@@ -299,24 +233,24 @@ class Search:
 
     def _rough(self, frame: CopyFrame, start: Placement, reach: float = np.inf) -> Fit:
         some = frame.some(ROUGH)
-        refinement = self._refinement(some, _Samples(self._original), reach)
+        refinement = self._refinement(some, SamplesAt(self._original), reach)
         found = refinement.refine(start, ROUGH_ROUNDS, free_pose=False)
         found = refinement.refine(found, ROUGH_ROUNDS)
         return self._rough_fit(some, found)
 
     def _rough_fit(self, some: CopyFrame, placement: Placement) -> Fit:
-        rest = self._refinement(some, _Closest(self._original), np.inf).rest(placement)
+        rest = self._refinement(some, ClosestAt(self._original), np.inf).rest(placement)
         extent = np.linalg.norm(np.ptp(placement(some.points), axis=0)) / self._original.diagonal
         return Fit(placement, rest.distances, extent=float(extent))
 
     def _exact(self, frame: CopyFrame, start: Placement) -> Fit:
-        at = _Closest(self._original)
+        at = ClosestAt(self._original)
         found, _ = self._refined(frame.some(EXACT), start, at, EXACT_ROUNDS, REACH)
         return self._fit(frame, found)
 
     def _fit(self, frame: CopyFrame, placement: Placement, slip: float = 0.0) -> Fit:
         some, original = frame.some(EXACT), self._original
-        rest = self._refinement(some, _Closest(original), np.inf).rest(placement)
+        rest = self._refinement(some, ClosestAt(original), np.inf).rest(placement)
         lies = rest.agree & (rest.distances < NEAR)
         if lies.sum() < 4:
             return Fit(placement, rest.distances)
@@ -359,90 +293,3 @@ class Search:
             original.diagonal,
             reach,
         )
-
-
-class FollowFrame:
-    """Places one frame after another was placed; pickles, for worker processes."""
-
-    def __init__(
-        self, meshes: Sequence[MeshAnimation], original: Original, method: str, start: Placement
-    ) -> None:
-        self._meshes, self._original = tuple(meshes), original
-        self._method, self._start = method, start
-
-    def __call__(self, index: int) -> FramePlacement | None:
-        """Return the placement of a frame of the copy; None if it does not fit."""
-        search = Search(self._meshes, self._original)
-        try:
-            frame = CopyFrame.of(self._meshes, index)
-            fit: Fit | None = None
-            if self._method != IDENTITY:
-                fit = search.near(frame, self._start)
-            if fit is None or not fit.fits:
-                fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
-        except MeshmarkError:
-            # A frame that cannot be read, or lies anywhere.
-            return None
-        if fit is None or not fit.fits:
-            return None
-        some = frame.some(EXACT)
-        paired = self._method == IDENTITY and fit.slip >= SLIDES
-        at = _Paired(self._original, some) if paired else _Closest(self._original)
-        maps = maps_of(some.points, fit.placement, at(fit.placement.pose), fit.covered)
-        return FramePlacement(index, fit.placement.pose, maps, fit.residual, fit.covered)
-
-
-@dataclass(frozen=True, eq=False)
-class _Closest:
-    original: Original
-
-    def __call__(self, pose: float) -> Matcher:
-        return ByClosestPoint(self.original.animation, pose)
-
-
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    original: Original
-
-    def __call__(self, pose: float) -> Matcher:
-        return BySamples(self.original.samples, pose)
-
-
-@dataclass(frozen=True, eq=False)
-class _Paired:
-    original: Original
-    frame: CopyFrame
-
-    def __call__(self, pose: float) -> Matcher:
-        return ByIdentity(self.original.animation, pose, self.frame.vertices)
-
-
-def _alike(own: FloatArray, theirs: FloatArray) -> bool:
-    """Tell whether distances (n,) under two placements may be equal but for chance."""
-    difference = theirs - own
-    error = difference.std() / np.sqrt(max(len(difference) / CORRELATED, 1.0))
-    near = theirs.mean() < ALIKE * own.mean() + ROUNDING
-    return bool(near and difference.mean() < SURE * error + ROUNDING)
-
-
-def _best_of(one: Fit | None, other: Fit | None) -> Fit | None:
-    if one is None or other is None:
-        return one or other
-    return other if _better(other, one) else one
-
-
-def _better(one: Fit, other: Fit) -> bool:
-    return (one.fits, -one.misfit) > (other.fits, -other.misfit)
-
-
-def _misfit(fit: Fit) -> float:
-    return fit.misfit
-
-
-def _shortfall(fit: Fit) -> str:
-    if fit.covered < LEAST:
-        return "the copy lies nowhere on the original"
-    return (
-        f"at best {fit.near:.0%} of the copy lie on {fit.covered:.0%} of the original, "
-        f"{fit.residual:.2%} of its diagonal away"
-    )

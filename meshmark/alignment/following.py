@@ -1,0 +1,47 @@
+"""Places one frame of a copy after another was placed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.fit import Fit
+from meshmark.alignment.maps import maps_of
+from meshmark.alignment.matching import ClosestAt, PairedAt
+from meshmark.alignment.original import Original
+from meshmark.alignment.placement import FramePlacement
+from meshmark.alignment.refinement import Placement
+from meshmark.alignment.search import EXACT, IDENTITY, PCA, SLIDES, Search
+from meshmark.errors import MeshmarkError
+from meshmark.mesh.animation import MeshAnimation
+
+
+class FollowFrame:
+    """Places one frame after another was placed; pickles, for worker processes."""
+
+    def __init__(
+        self, meshes: Sequence[MeshAnimation], original: Original, method: str, start: Placement
+    ) -> None:
+        self._meshes, self._original = tuple(meshes), original
+        self._method, self._start = method, start
+
+    def __call__(self, index: int) -> FramePlacement | None:
+        """Return the placement of a frame of the copy; None if it does not fit."""
+        search = Search(self._meshes, self._original)
+        try:
+            frame = CopyFrame.of(self._meshes, index)
+            fit: Fit | None = None
+            if self._method != IDENTITY:
+                fit = search.near(frame, self._start)
+            if fit is None or not fit.fits:
+                fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
+        except MeshmarkError:
+            # A frame that cannot be read, or lies anywhere.
+            return None
+        if fit is None or not fit.fits:
+            return None
+        some = frame.some(EXACT)
+        paired = self._method == IDENTITY and fit.slip >= SLIDES
+        at = PairedAt(self._original, some) if paired else ClosestAt(self._original)
+        maps = maps_of(some.points, fit.placement, at(fit.placement.pose), fit.covered)
+        return FramePlacement(index, fit.placement.pose, maps, fit.residual, fit.covered)
