@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meshmark.embedding.mesh import embed_animation
+from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError
-from meshmark.extension.recipe import Recipe
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.scratch import DisplacedFrames, ScratchFile
@@ -17,7 +16,7 @@ from meshmark_plugins.attacks.parameters import whole
 
 @dataclass(frozen=True)
 class MarkingAgain:
-    """Mark a copy with the default scheme and random keys, as whoever has this program can.
+    """Mark a copy with all default layers and random keys, as whoever has this program can.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ class MarkingAgain:
 
     Notes
     -----
-    A scheme plans all frames together: `apply` reads and marks all of them, `copies` times, at
+    Schemes plan all frames together: `apply` reads and marks all of them, `copies` times, at
     the cost of `meshmark embed` with one process. Displacements are kept in a temporary file,
     which lives as long as the result. A mesh that can hold no mark stays as it is, which is noted.
     """
@@ -46,13 +45,11 @@ class MarkingAgain:
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the animation marked again."""
-        recipe = Recipe()
-        scheme = recipe.build()
         mean = ScratchFile.create(len(animation), animation[0].topology.n_points)
         for _ in range(self.copies):
             key = Key(rng.bytes(KEY_BYTES))
             try:
-                copy = embed_animation(animation, scheme, recipe.scheme, key, jobs=1).animation
+                [copy] = embed(animation, key).asset.meshes
             except CapacityError as error:
                 note = f"attack marking-again left it as it is: {error.message}"
                 return replace(animation, notes=(*animation.notes, note))

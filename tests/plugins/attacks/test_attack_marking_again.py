@@ -6,11 +6,10 @@ import pytest
 from meshmark.detection.verify import verify
 from meshmark.embedding.asset import embed
 from meshmark.errors import InputError
-from meshmark.extension.recipe import Recipe
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
-from meshmark.testing.meshes import bumpy_sphere
+from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.attacks import RECORDS
 
 RECORD = {record.name: record for record in RECORDS}["marking-again"]
@@ -40,20 +39,23 @@ def again(animation, seed=0, copies=1):
 def test_several_copies_are_averaged():
     animation, rng = star(), np.random.default_rng(0)
     keys = [Key(rng.bytes(KEY_BYTES)) for _ in range(2)]
-    copies = [embed(animation, key, recipe=Recipe()).meshes[0].animation for key in keys]
+    copies = [embed(animation, key).meshes[0].animation for key in keys]
     mean = np.mean([copy[1].points for copy in copies], axis=0)
     np.testing.assert_allclose(again(animation, copies=2)[1].points, mean, atol=1e-7)
 
 
 def test_the_key_drawn_is_found_on_what_comes_of_it():
     key = Key(np.random.default_rng(3).bytes(KEY_BYTES))
-    assert verify(again(star(), seed=3), key, frames=":").verdict == "marked"
+    beside = verify(again(star(), seed=3), key, original=star())
+    assert beside.verdict == "marked"
+    # A star of so few points and frames holds little by itself.
+    assert verify(again(star(), seed=3), key, frames=":", fpr=1e-3).verdict == "marked"
 
 
 def test_a_mesh_that_can_hold_no_mark_stays_as_it_is_and_says_so():
-    ball = bending_ball()
+    ball = MeshAnimation.from_arrays(*icosphere(1))
     after = again(ball)
-    np.testing.assert_array_equal(after[2].points, ball[2].points)
+    np.testing.assert_array_equal(after[0].points, ball[0].points)
     assert after.notes[-1].startswith("attack marking-again left it as it is: ")
 
 
