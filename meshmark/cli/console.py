@@ -67,15 +67,13 @@ class Heartbeat:
 
     def __init__(self) -> None:
         self._now: tuple[str, str, int, int] | None = None
-        self._task: tuple[str, str] | None = None
         self._since = 0.0
 
     def __call__(self, stage: str, what: str, done: int, total: int) -> None:
         """Remember that a stage has finished `done` of `total` frames of `what`."""
-        if self._task != (stage, what):
-            self._task, self._since = (stage, what), time.monotonic()
-        # Of what is done there is nothing more to tell.
-        self._now = (stage, what, done, total) if done < total else None
+        if self._now is None or self._now[:2] != (stage, what):
+            self._since = time.monotonic()
+        self._now = (stage, what, done, total)
 
     def beat(self, ended: threading.Event) -> None:
         """Print the line every `BEAT_EVERY` seconds until `ended` is set."""

@@ -99,19 +99,3 @@ def test_a_terminal_shows_what_is_tried(folder) -> None:
     assert run.returncode == 1
     assert b"read ball.usdc" in shown
     assert b"verify /Ball by cho2007" in shown
-
-
-def test_nothing_is_told_of_what_is_done(capsys) -> None:
-    heartbeat = console.Heartbeat()
-
-    class OneTick(threading.Event):
-        waited = False
-
-        def wait(self, timeout: float | None = None) -> bool:
-            self.waited, before = True, self.waited
-            return before
-
-    heartbeat("verify", "/A by apex", 2, 4)
-    heartbeat("verify", "/A by apex", 4, 4)
-    heartbeat.beat(OneTick())
-    assert capsys.readouterr().err == ""
