@@ -17,6 +17,8 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import surface_box
 from meshmark.sources.reading import read
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def cow(data_folder: Path) -> MeshAnimation:
@@ -79,14 +81,12 @@ def test_a_bend_is_undone_without_knowing_the_vertices(horse: MeshAnimation) -> 
     assert far["cubic"] < 3e-5 < 1e-3 < far["similarity"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 def test_cropped_copies_are_placed(horse: MeshAnimation, share: float) -> None:
     found = align_mesh(attacked(horse, "cropping", share=share), horse, [0, 1])
     assert errors(found, similarity(5)).max() < 1e-5
 
 
-@pytest.mark.slow
 def test_another_animal_is_refused(cow: MeshAnimation, horse: MeshAnimation) -> None:
     with pytest.raises(AlignmentError):
         align_mesh(horse, cow, [0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from alignment_shapes import errors, mapped, nodding, placed, shuffled, similarity
 from meshmark.alignment.align import align, align_mesh
@@ -29,6 +30,7 @@ def tube() -> MeshAnimation:
     return MeshAnimation.from_arrays(np.repeat(V[None], 5, axis=0), F, prim="/tube")
 
 
+@pytest.mark.slow
 def test_each_mesh_finds_its_own() -> None:
     A = similarity(2)
     original = asset(nodding(), tube())

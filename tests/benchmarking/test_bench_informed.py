@@ -28,6 +28,9 @@ from meshmark.sources.writing import write
 from meshmark.testing.meshes import icosphere
 from meshmark.testing.schemas import schema_folder
 
+# Whole benchmarks: copies for several recipients, each attacked, placed and read.
+pytestmark = pytest.mark.slow
+
 FRAMES = "2:2"
 SUITE = Suite(
     "tiny",
