@@ -100,6 +100,7 @@ def test_inspect_foresees(run) -> None:
     assert prim["reachable_log10_p"] < -6
 
 
+@pytest.mark.slow
 def test_align_finds_a_moved_copy_and_refuses_what_is_none(run) -> None:
     assert run("attack", "similarity", "marked.usda", "-o", "moved.usdc", "--seed", "3")[0] == 0
     code, out, err = run("align", "moved.usdc", "--original", "creature.usdc", "--json")
@@ -251,6 +252,7 @@ def test_a_leak_is_still_found(run) -> None:
     assert run("verify", "leak.usdc", "--key", "k", "--scheme", "apex")[0] == 0
 
 
+@pytest.mark.slow
 def test_obj_frames_in_and_out(run, studio) -> None:
     short = Asset("creature", (creature(points=3000, frames=17).select([0, 12]),), "memory")
     make_reader("obj").write_new(short, studio / "frames")

@@ -110,6 +110,7 @@ def test_what_cannot_hold_a_layer_is_told(run, studio) -> None:
     assert missing["reason"]
 
 
+@pytest.mark.slow
 def test_the_limit_of_the_command_line_is_for_all_layers(run, studio) -> None:
     limit = ("--max-mrms", "1e-4")
     assert run("embed", "creature.usdc", "-o", "low.usdc", *MARK, *limit)[0] == 0
@@ -151,6 +152,7 @@ def test_alone_the_copy_says_no_more_than_whose_it_was(run) -> None:
     assert "original" not in asset
 
 
+@pytest.mark.slow
 def test_a_master_of_something_else_is_refused_in_one_line(run) -> None:
     verify = ("verify", "horns-acme.usdc", "--key", "k", "--original", "horns.usdc", "--master")
     refused(run(*verify, "ball.usdc"), 2, "ball.usdc", "/Horns", "other frames or faces")
@@ -170,6 +172,7 @@ def test_an_informed_scheme_alone_needs_an_original(run) -> None:
     refused(run("verify", "acme.usdc", "--key", "k", "--scheme", "relief"), 2, "relief", "original")
 
 
+@pytest.mark.slow
 def test_the_original_of_another_animal_is_inconclusive(run) -> None:
     # The blind scheme has enough chips to say "not marked", but looks at half of what there is.
     schemes = ("--scheme", "relief", "--scheme", "cho2007")

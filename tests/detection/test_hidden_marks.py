@@ -200,6 +200,7 @@ def test_a_polygon_of_twenty_thousand_corners_hides_nothing(key, marked) -> None
         assert (verdict.verdict, verdict.recipient) == ("marked", "acme")
 
 
+@pytest.mark.slow
 def test_junk_in_most_frames_hides_nothing(key, marked) -> None:
     V, F = marked
     rng = np.random.default_rng(0)

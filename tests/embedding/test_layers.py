@@ -91,6 +91,7 @@ def test_the_recipient_is_named_beside_the_original(beside_master) -> None:
     assert prim.informed.facts.method == "identity"
 
 
+@pytest.mark.slow
 def test_beside_its_master_a_copy_tells_more(original, copies, beside_master) -> None:
     made = []
 

@@ -79,6 +79,7 @@ def test_is_unknown_where_it_is_not_installed(tmp_path: Path) -> None:
     assert "halves" not in listed.stdout
 
 
+@pytest.mark.slow
 def test_embed_and_verify_use_it(third_party_site: Path, workshop: Path) -> None:
     given = [*OPTIONS, "--set", "halves.cut=0.25", "--json"]
     embedded = meshmark(
