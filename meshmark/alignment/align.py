@@ -13,6 +13,7 @@ from meshmark.alignment.search import FEATURES, IDENTITY, PCA, Search
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.frame_range import frames_in, in_range, spread
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
@@ -64,7 +65,8 @@ def align(
     for i in sorted(range(len(sizes)), key=lambda i: -sizes[i]):
         mesh = original.meshes[i]
         try:
-            found[i] = work.align(mesh)
+            with breakdown_means_no_capacity():
+                found[i] = work.align(mesh)
         except MeshmarkError as error:
             unplaced[i] = LeftOut(mesh.prim, error.message)
     return AssetAlignment(
@@ -103,7 +105,7 @@ def align_mesh(
     """
     meshes = (copy,) if isinstance(copy, MeshAnimation) else tuple(copy)
     known = Original(original)
-    with one_thread():
+    with breakdown_means_no_capacity(), one_thread():
         method, start = Search(meshes, known).first(frames, (IDENTITY, PCA, FEATURES))
     return _follow(meshes, known, method, start, frames, jobs)
 

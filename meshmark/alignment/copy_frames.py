@@ -9,7 +9,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.checks import require_measurable
+from meshmark.mesh.checks import require_extent, require_measurable
 from meshmark.mesh.components import surface_components
 from meshmark.mesh.geometry import face_areas, vertex_normals
 from meshmark.mesh.topology import weld
@@ -44,7 +44,7 @@ class CopyFrame:
         Raises
         ------
         InputError
-            If points are not finite.
+            If points are not finite, or the surface has no area.
         """
         time = meshes[0].times[index]
         points, faces, n = [], [], 0
@@ -55,6 +55,7 @@ class CopyFrame:
             faces.append(frame.faces + n)
             n += len(frame.points)
         V, F = np.concatenate(points), np.concatenate(faces)
+        require_extent(V, F)
         used, corners = np.unique(F, return_inverse=True)
         F = corners.reshape(-1, 3)
         return cls(V[used], vertex_normals(V[used], F), F, used, len(V))

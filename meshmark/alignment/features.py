@@ -64,7 +64,8 @@ def by_features(
     radius = RADIUS * diagonal
     originals = [_features(samples.points[at], samples.normals[at], radius) for at in poses]
     own_area = float(face_areas(frame.points, frame.faces).sum())
-    own_edge = edge_length(frame.points, frame.faces)
+    # Most edges of a mesh may be without length.
+    own_edge = edge_length(frame.points, frame.faces) or np.inf
     scales = [edge / own_edge, 1.0, *(np.sqrt(share * area / own_area) for share in SHARES)]
     for scale in _distinct(scales):
         # As dense as those of the original: features depend on it.
@@ -85,9 +86,11 @@ def by_features(
 
 
 def _distinct(scales: list[float]) -> list[float]:
-    """Leave out scales that are within reach of one before."""
+    """Leave out scales that are within reach of one before, or none."""
     kept: list[float] = []
     for scale in scales:
+        if not 0.0 < scale < np.inf:
+            continue
         if all(abs(np.log(scale / other)) > 0.5 * STRETCH for other in kept):
             kept.append(float(scale))
     return kept

@@ -28,6 +28,8 @@ CORRELATED = 10
 # One placement is better if its distances are smaller by this factor, or so many standard errors.
 SURE, ALIKE = 5.0, 1.5
 
+NOWHERE = "the copy lies nowhere on the original"
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -116,7 +118,7 @@ def misfit(fit: Fit) -> float:
 def shortfall(fit: Fit) -> str:
     """Say why the best placement is none."""
     if fit.covered < LEAST:
-        return "the copy lies nowhere on the original"
+        return NOWHERE
     return (
         f"at best {fit.near:.0%} of the copy lie on {fit.covered:.0%} of the original, "
         f"{fit.residual:.2%} of its diagonal away"

@@ -14,6 +14,7 @@ from meshmark.alignment.refinement import Placement
 from meshmark.alignment.search import EXACT, IDENTITY, PCA, SLIDES, Search
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 
 
 class FollowFrame:
@@ -27,17 +28,21 @@ class FollowFrame:
 
     def __call__(self, index: int) -> FramePlacement | None:
         """Return the placement of a frame of the copy; None if it does not fit."""
-        search = Search(self._meshes, self._original)
         try:
-            frame = CopyFrame.of(self._meshes, index)
-            fit: Fit | None = None
-            if self._method != IDENTITY:
-                fit = search.near(frame, self._start)
-            if fit is None or not fit.fits:
-                fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
+            with breakdown_means_no_capacity():
+                return self._placed(index)
         except MeshmarkError:
             # A frame that cannot be read, or lies anywhere.
             return None
+
+    def _placed(self, index: int) -> FramePlacement | None:
+        search = Search(self._meshes, self._original)
+        frame = CopyFrame.of(self._meshes, index)
+        fit: Fit | None = None
+        if self._method != IDENTITY:
+            fit = search.near(frame, self._start)
+        if fit is None or not fit.fits:
+            fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
         if fit is None or not fit.fits:
             return None
         some = frame.some(EXACT)

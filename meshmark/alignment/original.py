@@ -11,8 +11,9 @@ from meshmark.alignment.pose_samples import PoseSamples
 from meshmark.alignment.poses import posed, remembered
 from meshmark.alignment.procrustes import misfits
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.errors import AlignmentError
+from meshmark.errors import AlignmentError, InputError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.checks import require_extent, require_measurable
 from meshmark.mesh.closest_points import sample_surface
 from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import surface_box
@@ -46,9 +47,12 @@ class Original:
         self.animation = remembered(animation)
         first = self.animation[0]
         self.n_points = first.topology.n_points
+        try:
+            require_measurable(first.points)
+            require_extent(first.points, first.faces)
+        except InputError as error:
+            raise self._unfit(animation, error.message) from None
         self.diagonal, self.centre = surface_box(first.points, first.faces)
-        if not 0.0 < self.diagonal < np.inf:
-            raise self._unfit(animation, "the original is scaled to nothing")
 
     @cached_property
     def samples(self) -> PoseSamples:

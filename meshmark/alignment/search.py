@@ -17,6 +17,7 @@ from meshmark.alignment.fit import (
     KEPT,
     MOST,
     NEAR,
+    NOWHERE,
     REACH,
     Fit,
     alike,
@@ -82,7 +83,7 @@ class Search:
         AlignmentError
             If no placement fits, or several do alike.
         """
-        reason = "no frame of the copy can be read"
+        reason = NOWHERE
         tried = [frames[i] for i in spread(len(frames), TRIED)]
         best: tuple[str, Fit] | None = None
         for method in methods:

@@ -9,11 +9,11 @@ import numpy as np
 
 from meshmark.detection.extraction import extract
 from meshmark.errors import CapacityError, InputError, MeshmarkError, NoExtentError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.informed import InformedScheme, layout_frame
 from meshmark.extension.recipe import Recipe, in_order
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.precision import require_precision
 from meshmark.mesh.welding import Welding

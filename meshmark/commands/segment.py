@@ -9,13 +9,13 @@ import numpy as np
 
 from meshmark.arrays import IntArray
 from meshmark.errors import CapacityError, UsageError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.interfaces import Segmenter
 from meshmark.extension.parameters import name_and_value
 from meshmark.extension.recipe import convert
 from meshmark.extension.registry import catalogue, make_segmenter
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.frame_range import frames_in
 from meshmark.mesh.welding import Welding
 from meshmark.usd.names import LAYER_SUFFIXES

@@ -16,11 +16,11 @@ from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.errors import CapacityError, UsageError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.informed import AlignedFrame, InformedScheme, layout_frame
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.geometry import vertex_normals
 from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map

@@ -9,10 +9,10 @@ from meshmark.detection.evidence import in_steps
 from meshmark.detection.reference_frame import readable
 from meshmark.detection.unsmoothing import unsmooth
 from meshmark.errors import CapacityError, InputError, NoLayoutError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import Scheme
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.welding import Welding
 
 # One for each restoration; None where nothing is found.

@@ -11,7 +11,6 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray, SignArray
 from meshmark.errors import CapacityError, InputError, MeshmarkError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.informed import (
     InformedLayout,
     InformedScheme,
@@ -21,6 +20,7 @@ from meshmark.extension.informed import (
 from meshmark.extension.interfaces import MarkingPlan, Scheme
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.geometry import surface_box
 from meshmark.mesh.precision import require_precision, rounding_of
 from meshmark.mesh.welding import Welding

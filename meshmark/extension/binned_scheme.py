@@ -8,11 +8,11 @@ import numpy as np
 
 from meshmark.arrays import IntArray
 from meshmark.errors import CapacityError, NoLayoutError
-from meshmark.extension.breakdown import breakdown_means_no_capacity
 from meshmark.extension.carrier import Observation, observation_of
 from meshmark.extension.closed_loop import ClosedLoopPlan, settle
 from meshmark.extension.interfaces import BinnedScheme, Scheme
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 
 
 def as_scheme(made: Scheme | BinnedScheme) -> Scheme:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError, NoExtentError
-from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.geometry import face_areas, surface_box
 
 # Share of the squared diagonal below which a surface has no area: it is a point, or a line.
@@ -62,7 +62,7 @@ def _fault(animation: MeshAnimation, index: int) -> InputError | None:
     try:
         frame = animation[index]
         require_measurable(frame.points)
-        _require_extent(frame)
+        require_extent(frame.points, frame.faces)
     except InputError as error:
         if error.source is not None:
             return error
@@ -75,13 +75,19 @@ def _fault(animation: MeshAnimation, index: int) -> InputError | None:
     return None
 
 
-def _require_extent(frame: Frame) -> None:
-    diagonal, centre = surface_box(frame.points, frame.faces)
+def require_extent(V: FloatArray, F: IntArray) -> None:
+    """Refuse a surface, V (N, 3) and F (F, 3), without an area.
+
+    Raises
+    ------
+    NoExtentError
+        If it is scaled to a point or to a line.
+    """
+    diagonal, centre = surface_box(V, F)
     if diagonal < SMALLEST:
         raise NoExtentError("the mesh is scaled to nothing")
     # Of size 1 about the origin, or squares might underflow.
-    unit = (frame.points - centre) / diagonal
-    if face_areas(unit, frame.faces).sum() < NO_AREA:
+    if face_areas((V - centre) / diagonal, F).sum() < NO_AREA:
         raise NoExtentError("the mesh is scaled to a line: it has no area")
 
 

@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment_shapes import errors, mapped, nodding, placed, shuffled, similarity
-from meshmark.alignment.align import align_mesh
+from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.placement import PolynomialMap
 from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import as_asset
 from meshmark.mesh.geometry import surface_box
 from meshmark.testing.meshes import bent_tube, icosphere
 
@@ -25,6 +26,38 @@ def test_blends_and_their_derivative_are_exact() -> None:
     rise = posed(original, 1.75).points - at
     np.testing.assert_allclose(0.5 * motion(original, 1.25), rise, atol=1e-12)
     assert posed(original, 4.0).points is original[4].points
+
+
+def crushed(kind: str) -> MeshAnimation:
+    """Return a ball that is crushed, or has points far off, as flipped bits put them."""
+    V, F = icosphere(3)
+    V = V.copy()
+    if kind == "line":
+        V[:, 1:] = 0.0
+    elif kind == "sheet":
+        V[:, 2] = 0.0
+    elif kind == "needle":
+        V[:, 1:] *= 1e-6
+    elif kind == "spikes":
+        V[::80] *= 1e36
+    else:
+        F = F[:1]
+    return MeshAnimation.from_arrays(V, F, prim="/Crushed")
+
+
+KINDS = ["line", "sheet", "needle", "spikes", "one face"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_crushed_fits_nothing_and_nothing_fits_it(kind: str) -> None:
+    tube = as_asset(nodding())
+    for copy, original in ((as_asset(crushed(kind)), tube), (tube, as_asset(crushed(kind)))):
+        found = align(copy, original)
+        assert not found.meshes
+        [unplaced] = found.unplaced
+        assert unplaced.reason
+        assert kind != "line" or unplaced.reason == "the mesh is scaled to a line: it has no area"
 
 
 @pytest.mark.parametrize("mirror", [False, True], ids=["proper", "mirror"])

@@ -263,7 +263,7 @@ def test_parts_of_a_mesh_with_a_few_points_far_off(run, number, size) -> None:
 
 
 def test_only_numerical_breakdowns_are_taken_for_lack_of_capacity() -> None:
-    from meshmark.extension.breakdown import breakdown_means_no_capacity
+    from meshmark.mesh.breakdown import breakdown_means_no_capacity
 
     for error in (
         RuntimeError("Factor is exactly singular"),
