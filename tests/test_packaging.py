@@ -1,4 +1,4 @@
-"""A wheel holds both packages, the schemas and the entry points, and nothing else."""
+"""A wheel holds both packages, their data and the entry points, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from configparser import ConfigParser
 import pytest
 
 from folders import REPOSITORY
+from meshmark.demo.build import DATA
 from meshmark.testing.schemas import schema_folder
 
 
@@ -43,6 +44,10 @@ def test_schemas_are_inside(wheel: zipfile.ZipFile) -> None:
     assert schemas
     for path in schemas:
         assert wheel.read(f"meshmark/schemas/json/{path.name}") == path.read_bytes()
+
+
+def test_the_creature_is_inside(wheel: zipfile.ZipFile) -> None:
+    assert wheel.read("meshmark/demo/creature.npz") == DATA.read_bytes()
 
 
 def test_nothing_else_is_inside(wheel: zipfile.ZipFile) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from creature.skeleton import SIDES, Point, mirrored
 from meshmark.arrays import FloatArray
-from meshmark.demo.skeleton import SIDES, Point, mirrored
 
 # The soles are cut flat here, rounded over this length (centimetres).
 SOLE_HEIGHT = 0.0

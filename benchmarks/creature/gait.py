@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from creature.skeleton import SIDES, Skeleton
 from meshmark.arrays import FloatArray
-from meshmark.demo.skeleton import SIDES, Skeleton
 
 # When each foot lands, as a fraction of the stride: a transverse gallop on the right lead, with
 # the suspension after the leading fore foot has left the ground.
 FOOTFALL = {"hind_left": 0.00, "hind_right": 0.12, "fore_left": 0.35, "fore_right": 0.49}
-DUTY = 0.25
 
 # Segment angles: degrees away from the rest pose in the plane of motion, positive forward, at
-# phases of the leg's own stride (0: landing, DUTY: leaving the ground).
+# phases of the leg's own stride (0: landing, 0.25: leaving the ground).
 _PHASES = (0.0, 0.12, 0.25, 0.37, 0.50, 0.63, 0.76, 0.89)
 _SEGMENTS = {
     "fore": {
@@ -78,8 +77,7 @@ _YAW = {
 
 # The body surges as the hind feet drive, is highest in suspension, and bobs twice a stride
 # (centimetres). The segment angles above were solved for this path, so that every standing hoof
-# stays within 4 cm of the ground and goes back at much the same speed, STRIDE a stride.
-STRIDE = 440.0
+# stays within 4 cm of the ground and goes back at much the same speed, 440 cm a stride.
 _SURGE = Wave(0, 2, 0.15)
 _RISE = Wave(-8.2, 3.9, 0.849)
 _BOB = Wave(0, 1.9, 0.258)

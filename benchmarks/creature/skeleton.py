@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from meshmark.arrays import FloatArray, IntArray
 
@@ -51,9 +52,7 @@ class Skeleton:
         """Joint positions in the rest pose, (B, 3)."""
         return np.array([bone.head for bone in self.bones])
 
-    def pose(
-        self, pitch: FloatArray, yaw: FloatArray, shift: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def pose(self, pitch: FloatArray, yaw: FloatArray, shift: FloatArray) -> FloatArray:
         """Turn the joints: forward kinematics for all frames at once.
 
         Parameters
@@ -68,10 +67,9 @@ class Skeleton:
 
         Returns
         -------
-        rotations : (T, B, 3, 3) float64
-            World rotation of each bone away from its rest pose.
-        translations : (T, B, 3) float64
-            A rest point x of bone b goes to rotations[t, b] @ x + translations[t, b].
+        (T, B, 8) float64
+            Motion of each bone away from its rest pose, a unit dual quaternion: real part
+            (x, y, z, w), w >= 0, then dual part.
         """
         local = _about_z(pitch) @ _about_y(yaw)
         rotations = np.empty_like(local)
@@ -85,7 +83,21 @@ class Skeleton:
                 rotations[:, b] = rotations[:, parent] @ local[:, b]
                 anchor = rotations[:, parent] @ joint + translations[:, parent]
             translations[:, b] = anchor - rotations[:, b] @ joint
-        return rotations, translations
+        turns = Rotation.from_matrix(rotations.reshape(-1, 3, 3))
+        real = turns.as_quat(canonical=True).reshape(*pitch.shape, 4)
+        return np.concatenate([real, _dual_part(real, translations)], axis=2)
+
+
+def _dual_part(real: FloatArray, shift: FloatArray) -> FloatArray:
+    """Encode translations beside rotations (x, y, z, w): half the product of both, (..., 4)."""
+    vector, scalar = real[..., :3], real[..., 3:]
+    return np.concatenate(
+        [
+            0.5 * (scalar * shift + np.cross(shift, vector)),
+            -0.5 * np.sum(shift * vector, axis=-1, keepdims=True),
+        ],
+        axis=-1,
+    )
 
 
 def _about_z(angle: FloatArray) -> FloatArray:

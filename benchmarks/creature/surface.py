@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from creature.flesh import Capsule, cut_soles, field, reach, smooth_union
+from creature.nets import dual_quads
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.demo.flesh import Capsule, cut_soles, field, reach, smooth_union
-from meshmark.demo.nets import dual_quads
 from meshmark.errors import UsageError
 from meshmark.mesh.topology import edges, face_adjacency, triangulate, vertex_adjacency
 

@@ -1,59 +1,37 @@
-"""Skin weights from the flesh on each bone, and dual quaternion skinning."""
+"""How the creature's skin follows its bones: dual quaternion skinning."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.demo.flesh import Capsule
-from meshmark.demo.skeleton import Skeleton
 from meshmark.mesh.topology import vertex_adjacency
 
-# Weights fall by 1/e over this fraction of the flesh's radius, so that a hip bends over a longer
-# stretch than a fetlock, and then diffuse over the surface by so many umbrella half-steps on a
-# mesh of the reference size: the length they go is the same on every mesh.
-_FALLOFF = 1.0
+# Weights diffuse over the surface by so many umbrella half-steps on a mesh of the reference size:
+# the length they go is the same on every mesh. Diffused weights would treble the shipped data.
 _DIFFUSION_ROUNDS = 36
 _SETTLING_ROUNDS = 8
 _REFERENCE_POINTS = 7000
 
 
-def skin_weights(
-    V: FloatArray, F: IntArray, skeleton: Skeleton, flesh: tuple[Capsule, ...]
-) -> FloatArray:
+def skin_weights(nearness: FloatArray, F: IntArray) -> FloatArray:
     """Weigh how much each bone carries each vertex.
 
-    A vertex follows the bone whose flesh is nearest, and those up to two steps up or down its
-    chain, so that skin does not follow a limb that merely passes by; the weights are then
-    diffused over the surface, so that joints bend over a length.
+    How near the bones are is diffused over the surface, so that joints bend over a length.
 
     Parameters
     ----------
-    V : (N, 3) float64
-        Rest positions.
+    nearness : (N, B) float64
+        How near each bone is to each vertex, 0 to 1.
     F : (F, 3) int
         Triangles.
-    skeleton : Skeleton
-        The bones.
-    flesh : tuple of Capsule
-        What hangs on them.
 
     Returns
     -------
     (N, B) float64
         Weights, each row sums to 1.
     """
-    distance = np.full((len(V), len(skeleton)), np.inf)
-    for capsule in flesh:
-        b = skeleton.index[capsule.bone]
-        radius = max(capsule.radius_a, capsule.radius_b)
-        distance[:, b] = np.minimum(distance[:, b], capsule.distance(V)[0] / radius)
-    nearest = distance.argmin(axis=1)
-    excess = distance - distance[np.arange(len(V)), nearest, None]
-    W = np.exp(-excess / _FALLOFF) * _related(skeleton)[nearest]
-    W /= W.sum(axis=1, keepdims=True)
+    W = nearness / nearness.sum(axis=1, keepdims=True)
     smooth = _diffuse(W, F, _DIFFUSION_ROUNDS)
     return smooth / smooth.sum(axis=1, keepdims=True)
 
@@ -71,19 +49,7 @@ def _diffuse(X: FloatArray, F: IntArray, rounds: int) -> FloatArray:
     return X
 
 
-def _related(skeleton: Skeleton) -> NDArray[np.bool_]:
-    """Tell which bones are at most two steps up or down one chain from each other, (B, B)."""
-    bones = len(skeleton)
-    up = np.zeros((bones, bones), dtype=bool)
-    child = np.flatnonzero(skeleton.parents >= 0)
-    up[child, skeleton.parents[child]] = True
-    up |= up @ up
-    return np.eye(bones, dtype=bool) | up | up.T
-
-
-def skin(
-    V: FloatArray, F: IntArray, W: FloatArray, rotations: FloatArray, translations: FloatArray
-) -> FloatArray:
+def skin(V: FloatArray, F: IntArray, W: FloatArray, bones: FloatArray) -> FloatArray:
     """Move the skin with the bones by blending dual quaternions, and let creases open.
 
     Parameters
@@ -94,10 +60,9 @@ def skin(
         Triangles.
     W : (N, B) float64
         Weights.
-    rotations : (T, B, 3, 3) float64
-        Rotation of each bone away from rest.
-    translations : (T, B, 3) float64
-        Its translation.
+    bones : (T, B, 8) float64
+        Motion of each bone away from rest, a unit dual quaternion: real part (x, y, z, w), then
+        dual part.
 
     Returns
     -------
@@ -119,29 +84,13 @@ def skin(
     .. [2] J. Mancewicz et al., "Delta mush: smoothing deformations while preserving detail",
        DigiPro 2014, https://doi.org/10.1145/2633374.2633376
     """
-    frames, bones = rotations.shape[:2]
-    turns = Rotation.from_matrix(rotations.reshape(-1, 3, 3))
-    real = turns.as_quat(canonical=True).reshape(frames, bones, 4)
-    dual = np.concatenate([real, _dual_part(real, translations)], axis=2)
-    blended = np.einsum("nb,tbq->tnq", W, dual, optimize=True)
+    blended = np.einsum("nb,tbq->tnq", W, bones, optimize=True)
     blended /= np.linalg.norm(blended[..., :4], axis=2, keepdims=True)
     posed = _turn(blended[..., :4], V) + _shift(blended)
     smooth = _diffuse(posed.transpose(1, 0, 2).reshape(len(V), -1), F, _SETTLING_ROUNDS)
     detail = V - _diffuse(V, F, _SETTLING_ROUNDS)
-    settled: FloatArray = smooth.reshape(len(V), frames, 3).transpose(1, 0, 2)
+    settled: FloatArray = smooth.reshape(len(V), len(bones), 3).transpose(1, 0, 2)
     return settled + _turn(blended[..., :4], detail)
-
-
-def _dual_part(real: FloatArray, shift: FloatArray) -> FloatArray:
-    """Encode translations beside rotations (x, y, z, w): half the product of both, (..., 4)."""
-    vector, scalar = real[..., :3], real[..., 3:]
-    return np.concatenate(
-        [
-            0.5 * (scalar * shift + np.cross(shift, vector)),
-            -0.5 * np.sum(shift * vector, axis=-1, keepdims=True),
-        ],
-        axis=-1,
-    )
 
 
 def _turn(real: FloatArray, X: FloatArray) -> FloatArray:

@@ -1,0 +1,1 @@
+"""How the demonstration's creature is modelled; `make_creature.py` runs it."""
