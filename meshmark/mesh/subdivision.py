@@ -1,4 +1,4 @@
-"""Subdivision of triangles as linear maps: new points are weighted sums of old ones.
+"""Subdivision as linear maps: new points are weighted sums of old ones.
 
 An edge with other than two faces, or between faces of opposite orientation, is a border, where
 every rule works along the edge only.
@@ -7,64 +7,71 @@ every rule works along the edge only.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
 from meshmark.arrays import BoolArray, IntArray
+from meshmark.mesh.topology import Topology
 
-Rule = Callable[[IntArray, int], tuple[csr_matrix, IntArray]]
+Rule = Callable[[Topology], tuple[csr_matrix, Topology]]
 
 
-def midpoint(F: IntArray, n_points: int) -> tuple[csr_matrix, IntArray]:
+def midpoint(topology: Topology) -> tuple[csr_matrix, Topology]:
     """Put a point in the middle of every edge: four triangles where there was one.
 
     Parameters
     ----------
-    F : (F, 3) int
-        Triangles.
-    n_points : int
-        Number of points N.
+    topology : Topology
+        Polygons over N points; their triangles are subdivided.
 
     Returns
     -------
     weights : (N + E, N) sparse
         Old points first, then one for each edge.
-    F : (4 F, 3) int
-        Triangles over the new points.
+    topology : Topology
+        Four times as many triangles, over the new points.
     """
-    E, edge_of, _ = _edges(F)
-    halves = _rows(E, 0.5, n_points)
-    return csr_matrix(vstack([eye_array(n_points), halves])), _split(F, edge_of + n_points)
+    F, n_points = topology.triangles, topology.n_points
+    edges = _Edges.of(F, n_points)
+    halves = _rows(edges.ends, 0.5, n_points)
+    return _result([eye_array(n_points), halves], _quarters(F, edges))
 
 
-def loop(F: IntArray, n_points: int) -> tuple[csr_matrix, IntArray]:
+def loop(topology: Topology) -> tuple[csr_matrix, Topology]:
     """Apply Loop's rule; see `midpoint` for the shapes.
 
     An inner edge's point is 3/8 of its ends and 1/8 of the corners across; an inner vertex with
     n neighbours keeps 1 - n b of itself, b = (5/8 - (3/8 + cos(2 pi / n) / 4)^2) / n. Borders
     are cubic splines.
+
+    References
+    ----------
+    C. T. Loop, "Smooth subdivision surfaces based on triangles", MSc thesis, University of
+    Utah, 1987.
     """
-    E, edge_of, inner = _edges(F)
-    ends = _rows(E, 1.0, n_points)
+    F, n_points = topology.triangles, topology.n_points
+    edges = _Edges.of(F, n_points)
     # Each face gives the edge opposite to a corner that corner.
     across = csr_matrix(
-        (np.ones(F.size), (edge_of.ravel(), F[:, [2, 0, 1]].ravel())), shape=(len(E), n_points)
+        (np.ones(F.size), (edges.of_side, F[:, [2, 0, 1]].ravel())),
+        shape=(len(edges.ends), n_points),
     )
     edge_points = (
-        diags_array(np.where(inner, 0.375, 0.5)) @ ends
-        + diags_array(np.where(inner, 0.125, 0.0)) @ across
+        diags_array(np.where(edges.inner, 0.375, 0.5)) @ _rows(edges.ends, 1.0, n_points)
+        + diags_array(np.where(edges.inner, 0.125, 0.0)) @ across
     )
-    A, degree, fixed = _neighbours(E, inner, n_points)
+    A, degree, fixed = edges.neighbours()
     n = np.maximum(degree, 1)
     beta = (0.625 - (0.375 + 0.25 * np.cos(2 * np.pi / n)) ** 2) / n
     share = np.where(fixed | (degree == 0), 0.0, beta)
     vertex_points = diags_array(1.0 - share * degree) @ eye_array(n_points) + diags_array(share) @ A
-    vertex_points = vertex_points + _border_smoothing(E[~inner], n_points)
-    return csr_matrix(vstack([vertex_points, edge_points])), _split(F, edge_of + n_points)
+    vertex_points = vertex_points + edges.border_smoothing()
+    return _result([vertex_points, edge_points], _quarters(F, edges))
 
 
-def sqrt3(F: IntArray, n_points: int) -> tuple[csr_matrix, IntArray]:
+def sqrt3(topology: Topology) -> tuple[csr_matrix, Topology]:
     """Apply Kobbelt's rule: a point in every face, inner edges flipped, inner vertices relaxed.
 
     A vertex with n neighbours moves to (1 - a) of itself and a of their mean,
@@ -73,35 +80,155 @@ def sqrt3(F: IntArray, n_points: int) -> tuple[csr_matrix, IntArray]:
     Returns
     -------
     weights : (N + F, N) sparse
-        Old points first, then one for each face.
-    F : (3 F, 3) int
-        Triangles over the new points.
+        Old points first, then one for each triangle.
+    topology : Topology
+        Three times as many triangles, over the new points.
+
+    References
+    ----------
+    L. Kobbelt, "sqrt(3)-subdivision", SIGGRAPH 2000. doi:10.1145/344779.344835
     """
-    E, edge_of, inner = _edges(F)
-    centres = _rows(F, 1 / 3, n_points)
-    A, degree, fixed = _neighbours(E, inner, n_points)
+    F, n_points = topology.triangles, topology.n_points
+    edges = _Edges.of(F, n_points)
+    A, degree, fixed = edges.neighbours()
     n = np.maximum(degree, 1)
     alpha = np.where(fixed | (degree == 0), 0.0, (4.0 - 2.0 * np.cos(2 * np.pi / n)) / 9.0)
     vertex_points = diags_array(1.0 - alpha) + diags_array(alpha / n) @ A
-    return csr_matrix(vstack([vertex_points, centres])), _flip(F, edge_of, inner, n_points)
+    return _result([vertex_points, _rows(F, 1 / 3, n_points)], _flipped(F, edges))
 
 
-RULES: dict[str, Rule] = {"midpoint": midpoint, "loop": loop, "sqrt3": sqrt3}
+def catmull_clark(topology: Topology) -> tuple[csr_matrix, Topology]:
+    """Apply the rule of Catmull and Clark: a quad at every corner of every polygon.
 
+    A face's point is the mean of its corners; an inner edge's the mean of its ends and of the
+    two faces' points; an inner vertex with n neighbours keeps (n - 2) / n of itself, and takes
+    1 / n of the mean of its neighbours and of the mean of its faces' points. Borders are cubic
+    splines, but a corner of one face alone stays, as in USD's default "edgeAndCorner".
 
-def _half_edges(F: IntArray) -> IntArray:
-    return np.stack([F, F[:, [1, 2, 0]]], axis=2).reshape(-1, 2)
+    Returns
+    -------
+    weights : (N + E + P, N) sparse
+        Old points first, then one for each edge, then one for each polygon.
+    topology : Topology
+        As many quads as there were corners.
 
-
-def _edges(F: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """List edges (E, 2), the edge of each face's sides ab, bc, ca (F, 3), and which are inner."""
-    half = _half_edges(F)
-    E, edge_of, uses = np.unique(
-        np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True
+    References
+    ----------
+    E. Catmull, J. Clark, "Recursively generated B-spline surfaces on arbitrary topological
+    meshes", Computer-Aided Design 10(6), 1978. doi:10.1016/0010-4485(78)90110-0
+    """
+    counts, corners, n_points = topology.counts, topology.indices, topology.n_points
+    face = np.repeat(np.arange(len(counts)), counts)
+    following = _following(counts)
+    edges = _Edges.between(corners, corners[following], n_points)
+    face_points = csr_matrix((1.0 / counts[face], (face, corners)), shape=(len(counts), n_points))
+    faces_of_edge = csr_matrix(
+        (np.ones(len(face)), (edges.of_side, face)), shape=(len(edges.ends), len(counts))
     )
-    edge_of = edge_of.reshape(-1)
-    forward = np.bincount(edge_of[half[:, 0] < half[:, 1]], minlength=len(E))
-    return E, edge_of.reshape(-1, 3), (uses == 2) & (forward == 1)
+    edge_points = (
+        diags_array(np.where(edges.inner, 0.25, 0.5)) @ _rows(edges.ends, 1.0, n_points)
+        + diags_array(np.where(edges.inner, 0.25, 0.0)) @ faces_of_edge @ face_points
+    )
+    A, degree, fixed = edges.neighbours()
+    faces_of_vertex = csr_matrix(
+        (np.ones(len(face)), (corners, face)), shape=(n_points, len(counts))
+    )
+    free = ~fixed & (degree > 0)
+    n = np.maximum(degree, 1)
+    square = diags_array(np.where(free, 1.0 / n**2, 0.0))
+    of_itself = np.where(free, (n - 2.0) / n, 1.0)
+    curve = np.bincount(corners, minlength=n_points) > 1
+    vertex_points = (
+        diags_array(of_itself)
+        + square @ A
+        + square @ faces_of_vertex @ face_points
+        + diags_array(curve.astype(np.float64)) @ edges.border_smoothing()
+    )
+    side = edges.of_side + n_points
+    before = np.empty_like(following)
+    before[following] = np.arange(len(following))
+    quads = np.stack([corners, side, face + n_points + len(edges.ends), side[before]], axis=1)
+    return _result([vertex_points, edge_points, face_points], quads)
+
+
+RULES: dict[str, Rule] = {
+    "midpoint": midpoint,
+    "loop": loop,
+    "sqrt3": sqrt3,
+    "catmull_clark": catmull_clark,
+}
+
+
+def subdivide(topology: Topology, rule: str, steps: int) -> tuple[csr_matrix, Topology]:
+    """Apply one of `RULES` again and again.
+
+    Returns
+    -------
+    weights : (M, N) sparse
+        New points as sums of old ones.
+    topology : Topology
+        Over the M new points.
+    """
+    W = csr_matrix(eye_array(topology.n_points))
+    for _ in range(steps):
+        step, topology = RULES[rule](topology)
+        W = csr_matrix(step @ W)
+    return W, topology
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """The edges of polygons, each once.
+
+    Parameters
+    ----------
+    ends : (E, 2) int
+    of_side : (S,) int
+        The edge that each side of each polygon is.
+    inner : (E,) bool
+        Whether just two polygons share it, which agree about outside.
+    n_points : int
+    """
+
+    ends: IntArray
+    of_side: IntArray
+    inner: BoolArray
+    n_points: int
+
+    @classmethod
+    def of(cls, F: IntArray, n_points: int) -> _Edges:
+        """List the edges of triangles; their sides are ab, bc, ca."""
+        return cls.between(F.ravel(), F[:, [1, 2, 0]].ravel(), n_points)
+
+    @classmethod
+    def between(cls, start: IntArray, end: IntArray, n_points: int) -> _Edges:
+        """List the edges of polygons whose sides (S,) run from start to end."""
+        half = np.sort(np.stack([start, end], axis=1), axis=1)
+        ends, of_side, uses = np.unique(half, axis=0, return_inverse=True, return_counts=True)
+        of_side = of_side.reshape(-1)
+        forward = np.bincount(of_side[start < end], minlength=len(ends))
+        return cls(ends, of_side, (uses == 2) & (forward == 1), n_points)
+
+    def neighbours(self) -> tuple[csr_matrix, IntArray, BoolArray]:
+        """Build the one-ring matrix, its row sums, and which vertices lie on a border."""
+        A = _symmetric(self.ends, self.n_points)
+        fixed = np.zeros(self.n_points, dtype=bool)
+        fixed[self.ends[~self.inner].ravel()] = True
+        return A, np.bincount(self.ends.ravel(), minlength=self.n_points), fixed
+
+    def border_smoothing(self) -> csr_matrix:
+        """Build what moves a border vertex by 1/8 towards each of its two border neighbours."""
+        border = self.ends[~self.inner]
+        # Where borders meet or end there is no curve to smooth.
+        uses = np.bincount(border.ravel(), minlength=self.n_points)
+        curve = np.where(uses == 2, 0.125, 0.0)
+        A = _symmetric(border, self.n_points)
+        return csr_matrix(diags_array(curve) @ A - diags_array(2.0 * curve))
+
+
+def _symmetric(pairs: IntArray, n_points: int) -> csr_matrix:
+    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
+    return csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
 
 
 def _rows(columns: IntArray, weight: float, n_points: int) -> csr_matrix:
@@ -111,44 +238,38 @@ def _rows(columns: IntArray, weight: float, n_points: int) -> csr_matrix:
     return csr_matrix((np.full(n * k, weight), place), shape=(n, n_points))
 
 
-def _neighbours(
-    E: IntArray, inner: BoolArray, n_points: int
-) -> tuple[csr_matrix, IntArray, BoolArray]:
-    """Build the one-ring matrix, its row sums, and which vertices lie on a border."""
-    i, j = np.concatenate([E, E[:, ::-1]]).T
-    A = csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
-    fixed = np.zeros(n_points, dtype=bool)
-    fixed[E[~inner].ravel()] = True
-    return A, np.bincount(i, minlength=n_points), fixed
+def _following(counts: IntArray) -> IntArray:
+    """Find the corner that follows each corner of its polygon."""
+    ends = np.cumsum(counts)
+    following = np.arange(1, int(ends[-1]) + 1)
+    following[ends - 1] = ends - counts
+    return following
 
 
-def _border_smoothing(border: IntArray, n_points: int) -> csr_matrix:
-    """Build what moves a border vertex by 1/8 towards each of its two border neighbours."""
-    i, j = np.concatenate([border, border[:, ::-1]]).T
-    A = csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
-    # Where borders meet or end there is no curve to smooth.
-    curve = np.where(np.bincount(i, minlength=n_points) == 2, 0.125, 0.0)
-    return csr_matrix(diags_array(curve) @ A - diags_array(2.0 * curve))
+def _result(points: list[csr_matrix], polygons: IntArray) -> tuple[csr_matrix, Topology]:
+    W = csr_matrix(vstack(points))
+    n, k = polygons.shape
+    return W, Topology(np.full(n, k), polygons.ravel(), W.shape[0])
 
 
-def _split(F: IntArray, side: IntArray) -> IntArray:
-    """Cut triangles in four; `side` (F, 3) are the points on the sides ab, bc and ca."""
+def _quarters(F: IntArray, edges: _Edges) -> IntArray:
+    """Cut triangles in four, at a point on each edge."""
     a, b, c = F.T
-    ab, bc, ca = side.T
+    ab, bc, ca = (edges.of_side.reshape(-1, 3) + edges.n_points).T
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.stack([np.stack(quarter, axis=1) for quarter in quarters], axis=1).reshape(-1, 3)
 
 
-def _flip(F: IntArray, edge_of: IntArray, inner: BoolArray, n_points: int) -> IntArray:
+def _flipped(F: IntArray, edges: _Edges) -> IntArray:
     """Connect face points across inner edges, and to the ends of borders."""
-    half, edge = _half_edges(F), edge_of.ravel()
-    centre = np.repeat(np.arange(len(F)), 3) + n_points
+    start, end, edge = F.ravel(), F[:, [1, 2, 0]].ravel(), edges.of_side
+    centre = np.repeat(np.arange(len(F)), 3) + edges.n_points
     order = np.argsort(edge, kind="stable")
-    order = order[inner[edge[order]]]
-    # Sorted by edge, the two half-edges of an inner edge lie side by side.
+    order = order[edges.inner[edge[order]]]
+    # Sorted by edge, the two sides of an inner edge lie one after the other.
     one, two = order[0::2], order[1::2]
-    across = np.full(len(half), -1)
+    across = np.full(len(start), -1)
     across[one], across[two] = centre[two], centre[one]
-    # A half-edge a -> b makes (a, other face's point, own point); the twin makes b's.
-    third = np.where(across >= 0, across, half[:, 1])
-    return np.stack([half[:, 0], third, centre], axis=1)
+    # A side a -> b makes (a, other face's point, own point); its twin makes b's.
+    third = np.where(across >= 0, across, end)
+    return np.stack([start, third, centre], axis=1)

@@ -128,7 +128,7 @@ RECORDS = [
     _record(
         "subdivision",
         "Subdivision",
-        "midpoint, Loop or sqrt(3) subdivision",
+        "midpoint, Loop, sqrt(3) or Catmull-Clark subdivision",
         {"scheme": "midpoint", "steps": 1},
     ),
     _record(

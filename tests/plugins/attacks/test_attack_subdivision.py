@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.subdivision import subdivide
 from meshmark.mesh.topology import Topology, boundary_edges, edges
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
@@ -142,3 +143,73 @@ def test_all_frames_share_one_connectivity():
     frames = attack.apply(bending_ball(), np.random.default_rng(0))
     assert frames.constant_topology
     assert all(frames[0].topology.same_as(frame.topology) for frame in frames)
+
+
+def cube():
+    V = np.array([[x, y, z] for z in (-1.0, 1) for y in (-1.0, 1) for x in (-1.0, 1)])
+    quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    return V, np.array(quads)
+
+
+def quads_of(V, Q, **parameters):
+    topology = Topology(np.full(len(Q), 4), Q.ravel(), len(V))
+    animation = MeshAnimation.from_frames([Frame(1.0, V, topology)])
+    attack = BY_NAME["subdivision"].factory(scheme="catmull_clark", **parameters)
+    return attack.apply(animation, np.random.default_rng(0))[0]
+
+
+def test_catmull_clark_on_a_cube_by_hand():
+    # Corner (1, 1, 1): a third each of itself, of the mean of its neighbours and of that of its
+    # faces' points, both (1, 1, 1) / 3. Edge: the mean of (1, 1, +-1), (1, 0, 0) and (0, 1, 0).
+    V, Q = cube()
+    frame = quads_of(V, Q)
+    np.testing.assert_allclose(frame.points[:8], 5 / 9 * V, atol=1e-15)
+    np.testing.assert_allclose(np.sort(np.abs(frame.points[8:20])), [[0, 0.75, 0.75]] * 12)
+    np.testing.assert_allclose(frame.points[20:], V[Q].mean(axis=1), atol=1e-15)
+
+
+def test_catmull_clark_makes_oriented_quads_again_and_again():
+    V, Q = cube()
+    for steps in (1, 2, 3):
+        frame = quads_of(V, Q, steps=steps)
+        assert np.all(frame.topology.counts == 4)
+        assert len(frame.topology.counts) == 6 * 4**steps
+        half = frame.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        assert len(np.unique(half, axis=0)) == len(half)
+        assert len(boundary_edges(frame.faces)) == 0
+        assert len(frame.points) - len(edges(frame.faces)) + len(frame.faces) == 2
+        assert signed_volume(frame.points, frame.faces) > 0
+
+
+def test_catmull_clark_takes_triangles_and_pentagons():
+    V, F = octahedron()
+    topology = Topology(np.full(8, 3), F.ravel(), 6)
+    W, finer = subdivide(topology, "catmull_clark", 1)
+    assert np.all(finer.counts == 3 + 1)
+    np.testing.assert_allclose(W @ np.ones(6), 1.0)
+    # Four neighbours that average to 0; the points of the faces about (0, 0, 1) average to 1/3.
+    np.testing.assert_allclose((W @ V)[:6], (2 / 4 + 1 / 4 / 3) * V, atol=1e-15)
+    pentagon = Topology(np.array([5]), np.arange(5), 5)
+    W, finer = subdivide(pentagon, "catmull_clark", 1)
+    # One face alone: its corners stay, its edges get their middles.
+    np.testing.assert_array_equal(W.toarray()[:5], np.eye(5))
+    np.testing.assert_allclose(W.toarray()[-1], 0.2)
+    assert finer.indices.reshape(-1, 4)[0].tolist() == [0, 5, 10, 6]
+
+
+def test_catmull_clark_keeps_a_square_grid_square():
+    k = np.arange(25).reshape(5, 5)
+    Q = np.stack([k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]], axis=-1).reshape(-1, 4)
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(5.0), np.arange(5.0), indexing="ij"))
+    frame = quads_of(np.stack([x, y, 2 * x - y], axis=1), Q, steps=2)
+    P = frame.points
+    np.testing.assert_allclose(P[:, 2], 2 * P[:, 0] - P[:, 1], atol=1e-12)
+    assert (
+        surface_distance(
+            np.array([[0.0, 0, 0], [4, 0, 8], [4, 4, 4], [0, 4, -4]]),
+            np.array([[0, 1, 2], [0, 2, 3]]),
+            P,
+            frame.faces,
+        ).hausdorff
+        < 1e-9
+    )
