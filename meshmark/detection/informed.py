@@ -18,10 +18,11 @@ from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.informed import AlignedFrame, InformedScheme, layout_frame
 from meshmark.extension.recipe import Recipe
-from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.geometry import vertex_normals
+from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
@@ -152,15 +153,16 @@ class _Reading:
         return {name: vars(self)[name] for name in ("found", "reference", "scheme", "name")}
 
     @cached_property
-    def _seen(self) -> tuple[Welding, Any]:
-        """The welding that frames are seen through, and the layout."""
+    def _seen(self) -> tuple[Welding, Topology, Any]:
+        """The welding that frames are seen through, their polygons, and the layout."""
         welding, frame = layout_frame(self.found.original)
-        return welding, self.scheme.layout(frame)
+        polygons = welding.polygons(self.found.original[0].topology)
+        return welding, polygons, self.scheme.layout(frame)
 
     @property
     def layout(self) -> Any:
         """Where chips lie on the original."""
-        return self._seen[1]
+        return self._seen[2]
 
     def evidence(self, jobs: int, progress: MeshProgress | None) -> Evidence:
         """Observe every placed frame, and put the hypotheses side by side."""
@@ -219,9 +221,10 @@ class _Reading:
 
     def _views(self, placement: FramePlacement) -> Iterator[AlignedFrame]:
         """Lay a frame of the copy upon the reference, by one map after the other."""
-        welding, _ = self._seen
+        welding, polygons, _ = self._seen
         frame = CopyFrame.of(self.found.copy, placement.index)
-        under = welding.frame(posed(self.reference, placement.pose))
+        pose = posed(self.reference, placement.pose)
+        under = Frame(pose.time, pose.points[welding.kept], polygons)
         velocity = motion(self.reference, placement.pose)[welding.kept]
         kept, vertices = self._identities(frame)
         for name in self.maps:

@@ -24,7 +24,8 @@ class AlignedFrame:
     Parameters
     ----------
     reference : Frame
-        The original, or the master, in the copy's pose: N vertices as analysis sees them.
+        The original, or the master, in the copy's pose: N vertices as analysis sees them, in the
+        polygons of the file.
     motion : (N, 3) float64
         Its velocity, per frame; 0 where it does not move.
     points : (n, 3) float64

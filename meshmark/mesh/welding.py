@@ -75,6 +75,18 @@ class Welding:
         """Return a frame of the same topology as analysis sees it."""
         return Frame(frame.time, frame.points[self.kept], self.topology)
 
+    def polygons(self, topology: Topology) -> Topology:
+        """Return the analysed surface in polygons of the frame, where they were kept whole."""
+        polygon = np.repeat(np.arange(len(topology.counts)), topology.counts - 2)[self.faces]
+        whole = np.bincount(polygon, minlength=len(topology.counts)) == topology.counts - 2
+        corners = self.new[topology.indices[np.repeat(whole, topology.counts)]]
+        rest = self.topology.triangles[~whole[polygon]]
+        return Topology(
+            np.concatenate([topology.counts[whole], np.full(len(rest), 3)]),
+            np.concatenate([corners, rest.ravel()]),
+            self.topology.n_points,
+        )
+
     def spread(self, displacement: FloatArray) -> FloatArray:
         """Give every point of the frame the displacement (M, 3) of its welded vertex."""
         moved = displacement[np.maximum(self.new, 0)]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.informed import AlignedFrame
@@ -40,25 +43,26 @@ def heights(
         with the closest point. Noise bends closest points towards creases, in all frames alike;
         but vertices that slid along the surface are better compared with those.
     """
-    V, F = treatment.points(view.reference), view.reference.faces
-    n_points = len(V)
+    W, reference = treatment.surface(view.reference)
+    view = replace(view, reference=reference, motion=W @ view.motion)
+    V, F = reference.points, reference.faces
+    n_points = W.shape[1]
     face, weight, d, on = (_offsets if by_identity else _signed_distances)(view, V, F)
     if on.sum() < FEWEST:
         return Heights.of_nothing(n_points)
     face, weight, d = face[on], weight[on], d[on]
     X = _at(_columns(view, V, F), F, face, weight)
     left, deviation = _without(X, d)
-    return _carried(left, F[face], weight, n_points, deviation)
+    start = np.arange(0, 3 * len(face) + 1, 3)
+    places = csr_matrix((weight.ravel(), F[face].ravel(), start), shape=(len(face), len(V)))
+    return _carried(left, csr_matrix(places @ W), deviation)
 
 
-def _carried(
-    left: FloatArray, corners: IntArray, weight: FloatArray, n_points: int, deviation: float
-) -> Heights:
-    """Carry heights (n,) of places to the corners (n, 3) of their triangles, by weights there."""
-    sums = np.stack([weight, weight * left[:, None], weight**2], axis=-1).reshape(-1, 3)
-    count, total, square = (
-        np.bincount(corners.ravel(), each, n_points).astype(np.float64) for each in sums.T
-    )
+def _carried(left: FloatArray, places: csr_matrix, deviation: float) -> Heights:
+    """Carry heights (n,) to the vertices that each place is a mean of, by weights (n, N)."""
+    n_points = places.shape[1]
+    back, ones = places.T, np.ones(len(left))
+    count, total, square = back @ ones, back @ left, back.power(2) @ ones
     seen = count > 0.0
     value = np.divide(total, count, out=np.zeros(n_points), where=seen)
     scatter = np.divide(square, count**2, out=np.ones(n_points), where=seen)

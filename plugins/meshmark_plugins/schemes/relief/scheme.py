@@ -20,7 +20,13 @@ from meshmark_plugins.schemes.relief.chips import Heights, soft_chips
 from meshmark_plugins.schemes.relief.height import slope
 from meshmark_plugins.schemes.relief.plan import ReliefPlan, plan_heights
 from meshmark_plugins.schemes.relief.residual import heights
-from meshmark_plugins.schemes.relief.treatment import KINDS, NONE, Treatment, between
+from meshmark_plugins.schemes.relief.treatment import (
+    KINDS,
+    NONE,
+    Treatment,
+    between,
+    subdivisions,
+)
 
 WHAT = "scheme relief"
 # One chip in so many is the owner's in every copy; the others are a recipient's, if there is one.
@@ -105,13 +111,14 @@ class Relief:
         return ReliefPlan(plan_heights(animation, f), layout.n_chips)
 
     def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> Treatment:
-        """Choose the smoothing that explains a copy best, by what is left."""
+        """Choose the smoothing or subdivision that explains a copy best, by what is left."""
         samples = [_sample(view) for view in views]
 
         def left(treatment: Treatment) -> float:
             return min(heights(view, treatment).deviation for view in samples)
 
-        known = {each: left(each) for each in (NONE, *chain.from_iterable(KINDS))}
+        finer = subdivisions(len(views[0].reference.points), len(views[0].points))
+        known = {each: left(each) for each in (NONE, *finer, *chain.from_iterable(KINDS))}
         best = min(known, key=lambda each: known[each])
         pairs = (pair for kind in KINDS for pair in pairwise(kind) if best in pair)
         near = [each for pair in pairs for each in between(*pair)]
