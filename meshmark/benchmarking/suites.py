@@ -192,6 +192,7 @@ _INFORMED = (
         "subdivision:scheme=loop",
         label="simplification 90 %, then Loop",
     ),
+    cell_of("subdivision", "frame", "Catmull-Clark subdivision", scheme="catmull_clark"),
     *isotropic_remeshing(2.0, ways=FRAME),
     *marching_cubes(64, ways=FRAME),
     *taubin(10, 50),

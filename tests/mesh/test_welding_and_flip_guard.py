@@ -53,6 +53,21 @@ def test_unused_points_stay_and_degenerate_faces_go() -> None:
     assert np.all(spread[1:] == 1)
 
 
+def test_polygons_are_kept_where_none_of_their_triangles_was_dropped() -> None:
+    # Two squares with a seam between them, and a square with a corner on another of its own.
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    points = np.concatenate([V, V + np.array([1.0, 0, 0]), V + np.array([0.0, 1, 0])])
+    points[11] = points[10]
+    topology = Topology(np.full(3, 4), np.arange(12), 12)
+    frame = Frame(1.0, points, topology)
+    welding = Welding.of(frame)
+    polygons = welding.polygons(topology)
+    assert polygons.counts.tolist() == [4, 4, 3]
+    seen = welding.frame(frame)
+    assert seen.points[polygons.indices[:8]].tolist() == points[:8].tolist()
+    assert sorted(map(tuple, polygons.triangles)) == sorted(map(tuple, seen.faces))
+
+
 def test_a_mesh_of_nothing_but_needles_is_refused() -> None:
     frame = Frame(1.0, np.zeros((3, 3)), Topology.from_triangles(np.array([[0, 1, 2]]), 3))
     with pytest.raises(CapacityError, match="three distinct corners"):

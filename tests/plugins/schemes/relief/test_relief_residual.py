@@ -11,13 +11,14 @@ from meshmark.extension.informed import AlignedFrame
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.geometry import surface_box, vertex_normals
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.subdivision import subdivide
 from meshmark.mesh.topology import Topology
 from meshmark.testing.informed_schemes import HORNS
 from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.relief.basis import Basis
 from meshmark_plugins.schemes.relief.residual import heights
 from meshmark_plugins.schemes.relief.scheme import Relief
-from meshmark_plugins.schemes.relief.treatment import Treatment
+from meshmark_plugins.schemes.relief.treatment import MOST_POINTS, Treatment, subdivisions
 
 
 def frame_of(mesh) -> Frame:
@@ -100,9 +101,11 @@ def test_steps_of_smoothing_are_taken_out_by_a_smoothed_reference(steps, reliefs
     bare = smooth(HORNED.points, L, steps)
     copy = smooth(raised(HORNED, reliefs["horned"]), L, steps)
     left = np.einsum("ij,ij->i", copy - bare, vertex_normals(bare, HORNED.faces))
-    found = heights(view(HORNED, copy), Treatment(0.1, steps))
+    found = heights(view(HORNED, copy), Treatment(step=0.1, count=steps))
     assert likeness(found, left) > 0.8
-    assert heights(view(HORNED, bare), Treatment(0.1, steps)).deviation < 1e-6 * size(HORNED)
+    assert heights(view(HORNED, bare), Treatment(step=0.1, count=steps)).deviation < 1e-6 * size(
+        HORNED
+    )
 
 
 def test_the_steps_are_found_without_the_key() -> None:
@@ -122,9 +125,45 @@ def test_other_kinds_of_smoothing_are_told_apart() -> None:
     frame = frame_of(bumpy_sphere(3, HORNS, 1.0, 0.35))
     relief = Relief()
     layout = relief.layout(frame)
-    for treatment in (Treatment(0.5, 10), Treatment(0.5, 30, taubin=True)):
-        copy = treatment.points(frame)
+    for treatment in (Treatment(step=0.5, count=10), Treatment(step=0.5, count=30, taubin=True)):
+        copy = treatment.surface(frame)[1].points
         assert relief.treatment([view(frame, copy)], layout) == treatment
+
+
+def cage() -> Frame:
+    """A horned ball of 962 points, in quads."""
+    V, F = bumpy_sphere(1, HORNS, 1.0, 0.35)
+    W, quads = subdivide(Topology.from_triangles(F, len(V)), "catmull_clark", 1)
+    finer, quads = subdivide(quads, "catmull_clark", 1)
+    return Frame(1.0, finer @ (W @ V), quads)
+
+
+@pytest.mark.parametrize("rule", ["loop", "catmull_clark"])
+def test_a_subdivided_cage_is_read_beside_the_subdivided_reference(rule) -> None:
+    frame = cage()
+    basis = Basis.of(frame.points, frame.faces)
+    w = np.random.default_rng(0).choice((-1.0, 1.0), basis.n_chips)
+    f = 1e-4 * size(frame) * basis.heights(w)
+    W, topology = subdivide(frame.topology, rule, 2)
+
+    def subdivided(V) -> AlignedFrame:
+        P = W @ V
+        return AlignedFrame(frame, np.zeros_like(V), P, vertex_normals(P, topology.triangles))
+
+    treatment = Treatment(rule, 2)
+    bare, marked = subdivided(frame.points), subdivided(raised(frame, f))
+    assert heights(bare, treatment).deviation < 1e-6 * size(frame)
+    # Levels of subdivision are wider than the finest patches, and blur them.
+    assert likeness(heights(marked, treatment), f) > 0.7
+    assert likeness(heights(marked), f) < 0.6
+    found = Relief().treatment([marked], Relief().layout(frame))
+    assert found == treatment
+
+
+def test_a_copy_of_as_many_vertices_is_not_taken_for_subdivided() -> None:
+    frame = cage()
+    assert subdivisions(len(frame.points), len(frame.points)) == []
+    assert subdivisions(MOST_POINTS, 10 * MOST_POINTS) == []
 
 
 def test_vertices_on_something_else_are_left_aside(reliefs) -> None:
