@@ -11,10 +11,9 @@ import numpy as np
 from meshmark.detection.evidence import InformedFacts
 from meshmark.detection.significance import HypothesisResult
 from meshmark.files.atomic import number
-from meshmark.statistics.p_values import MAX_EXACT_CHIPS
 
-# Log10 of what the product of two bounds is corrected by.
-QUADRUPLE = float(np.log10(4.0))
+# Log10 of what the best of three bounds is corrected by: blind, informed, and both together.
+TRIPLE = float(np.log10(3.0))
 
 Answer = Literal["marked", "not marked", "inconclusive"]
 
@@ -212,9 +211,14 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
 
     Notes
     -----
-    The keys of both layers are independent of each other, so that their e-values multiply. The
-    bounds p = min(1, 1 / E) are at hand: max(1, E) has a mean of at most 2, and the product of two
-    of at most 4.
+    The keys of both layers are independent of each other, and so are their p. The product of two
+    independent p is at most q with a probability of at most q (1 - log q) [1]_. Of that, and each
+    by itself, the best counts, three times (union bound).
+
+    References
+    ----------
+    .. [1] R. A. Fisher, "Statistical methods for research workers", 4th edition, 1932, section
+       21.1.
     """
     log10_fpr = float(np.log10(fpr))
     alone = {prim.prim: prim for prim in blind.prims}
@@ -222,7 +226,7 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
     prims = tuple(
         _joint_prim(alone.get(name), beside.get(name), log10_fpr) for name in {**alone, **beside}
     )
-    log10_p = _product(_strongest(blind), _strongest(informed))
+    log10_p = _joint(_strongest(blind), _strongest(informed))
     answer = _answer(log10_p, informed.verdict, log10_fpr)
     names = _named((*blind.recipients, *informed.recipients), log10_fpr)
     recipients = names if answer == "marked" else ()
@@ -242,7 +246,7 @@ def _joint_prim(
 ) -> PrimVerdict:
     """Join what one mesh says by itself with what it says beside its original."""
     both = [prim for prim in (blind, informed) if prim is not None]
-    log10_p = _product(blind, informed)
+    log10_p = _joint(blind, informed)
     return replace(
         min(both, key=lambda prim: prim.log10_p),
         log10_p=log10_p,
@@ -256,13 +260,12 @@ def _strongest(verdict: Verdict) -> PrimVerdict | None:
     return min(verdict.prims, key=lambda prim: prim.log10_p, default=None)
 
 
-def _product(blind: PrimVerdict | None, informed: PrimVerdict | None) -> float:
-    return min(0.0, QUADRUPLE + _multipliable(blind) + _multipliable(informed))
-
-
-def _multipliable(prim: PrimVerdict | None) -> float:
-    """Return a bound of which e-values can be made; of few chips p is exact, which it is not."""
-    return 0.0 if prim is None or prim.chips <= MAX_EXACT_CHIPS else prim.log10_p
+def _joint(blind: PrimVerdict | None, informed: PrimVerdict | None) -> float:
+    """Bound log10 p by the best of both and of their product."""
+    each = [prim.log10_p for prim in (blind, informed) if prim is not None]
+    log10_q = sum(each)
+    product = log10_q + np.log10(1.0 - log10_q * np.log(10.0))
+    return min(0.0, TRIPLE + float(min((product, *each))))
 
 
 def _answer(log10_p: float, otherwise: Answer, log10_fpr: float) -> Answer:
@@ -273,8 +276,8 @@ def _answer(log10_p: float, otherwise: Answer, log10_fpr: float) -> Answer:
 
 
 def _named(named: Iterable[Named], log10_fpr: float) -> tuple[Named, ...]:
-    """Keep those whose p still bears it when it is corrected like the product."""
-    corrected = (replace(one, log10_p=min(0.0, one.log10_p + QUADRUPLE)) for one in named)
+    """Keep those whose p still bears it when it is corrected like the best of three."""
+    corrected = (replace(one, log10_p=min(0.0, one.log10_p + TRIPLE)) for one in named)
     return best_of_each(one for one in corrected if one.log10_p <= log10_fpr)
 
 

@@ -14,7 +14,7 @@ from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
 from meshmark.detection.informed import gather_informed
 from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
-from meshmark.detection.verdict import QUADRUPLE, Verdict, jointly, together, without_weight
+from meshmark.detection.verdict import TRIPLE, Verdict, jointly, together, without_weight
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.keys import Key
@@ -108,9 +108,9 @@ def verify(
         progress=progress,
     )
     if blind:
-        # What decides by itself is corrected like the product: it might not have decided.
+        # What decides by itself is corrected like the best of three: it might not have decided.
         alone = Verdict.of_nothing(copy.source)
-        if verdict.log10_p + QUADRUPLE > np.log10(fpr):
+        if verdict.log10_p + TRIPLE > np.log10(fpr):
             alone = verify_blindly(
                 copy, key, blind, names, frames=frames, fpr=fpr, jobs=jobs, progress=progress
             )
@@ -207,7 +207,7 @@ def verify_informed(
     if not callable(master):
         return judged(master, 1.0)
     first = judged(None, 1 / 2)
-    if not first.prims or first.log10_p + QUADRUPLE <= np.log10(fpr):
+    if not first.prims or first.log10_p + TRIPLE <= np.log10(fpr):
         return first
     return together(first, judged(master(), 1 / 2))
 

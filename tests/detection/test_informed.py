@@ -83,8 +83,8 @@ def test_what_decides_before_the_copy_was_read_alone_is_corrected_for_that_look(
     alone = verify(copy, KEY, recipes=RELIEF, original=horned())
     found = verify(copy, KEY, recipes=both, original=horned())
     assert found.verdict == "marked"
-    assert found.log10_p == pytest.approx(alone.log10_p + np.log10(4.0))
-    assert found.recipients[0].log10_p == pytest.approx(alone.recipients[0].log10_p + np.log10(4.0))
+    assert found.log10_p == pytest.approx(alone.log10_p + np.log10(3.0))
+    assert found.recipients[0].log10_p == pytest.approx(alone.recipients[0].log10_p + np.log10(3.0))
     assert found.prims[0].informed.log10_p == alone.log10_p
     assert found.original == alone.original
 

@@ -1,4 +1,4 @@
-"""What a copy says alone, and what it says beside its original: e-values that multiply."""
+"""What a copy says alone, and what it says beside its original: p-values that multiply."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.detection.significance import HypothesisResult
 from meshmark.detection.verdict import InformedVerdict, Named, PrimVerdict, Verdict, jointly
 from meshmark.keys import Key
-from meshmark.statistics.p_values import MAX_EXACT_CHIPS
 
 FPR = 1e-6
 FACTS = InformedFacts("/A", (0.0,), ("similarity",), "identity", 1e-5, 1.0, 100)
@@ -46,12 +45,27 @@ def verdict(*prims: PrimVerdict) -> Verdict:
     return Verdict("copy.usda", said, best, whose, 0.0, prims, recipients=named)
 
 
+def joint(*log10_p: float) -> float:
+    """The best of each and of their product, corrected for both."""
+    q = 10.0 ** sum(log10_p)
+    return min(0.0, float(np.log10(3.0 * min(q * (1.0 - np.log(q)), *(10.0**p for p in log10_p)))))
+
+
+def test_the_product_of_two_independent_p_is_as_rare_as_that() -> None:
+    one, two = np.random.default_rng(0).random((2, 200_000))
+    q = one * two
+    for alpha in (0.3, 0.03, 0.003):
+        assert np.mean(q * (1.0 - np.log(q)) <= alpha) == pytest.approx(alpha, rel=0.1)
+
+
 @example(0.0, -6.3)
 @example(-6.3, 0.0)
 @given(LOG10_P, LOG10_P)
-def test_e_values_multiply_and_are_corrected_by_four(one: float, two: float) -> None:
+def test_the_best_of_both_and_of_their_product_is_corrected_for_three(
+    one: float, two: float
+) -> None:
     found = jointly(verdict(prim("/A", one)), verdict(prim("/A", two, informed=True)), FPR)
-    expected = min(0.0, one + two + np.log10(4.0))
+    expected = joint(one, two)
     assert found.log10_p == pytest.approx(expected)
     assert found.verdict == answer(found.log10_p)
     [both] = found.prims
@@ -65,19 +79,19 @@ def test_e_values_multiply_and_are_corrected_by_four(one: float, two: float) -> 
 def test_of_several_meshes_the_best_of_both_kinds_multiply(a: float, b: float, c: float) -> None:
     blind = verdict(prim("/A", a), prim("/B", b))
     found = jointly(blind, verdict(prim("/A", c, informed=True)), FPR)
-    assert found.log10_p == pytest.approx(min(0.0, min(a, b) + c + np.log10(4.0)))
+    assert found.log10_p == pytest.approx(joint(min(a, b), c))
     by_prim = {each.prim: each for each in found.prims}
-    assert by_prim["/A"].log10_p == pytest.approx(min(0.0, a + c + np.log10(4.0)))
+    assert by_prim["/A"].log10_p == pytest.approx(joint(a, c))
     assert all(each.verdict == answer(each.log10_p) for each in found.prims)
     # No mesh alone says more than all together.
     assert found.log10_p <= min(each.log10_p for each in found.prims) + 1e-9
 
 
-@given(LOG10_P)
-def test_an_exact_p_of_few_chips_is_none_that_multiplies(two: float) -> None:
-    few = verdict(prim("/A", -4.0, chips=MAX_EXACT_CHIPS))
-    found = jointly(few, verdict(prim("/A", two, informed=True)), FPR)
-    assert found.log10_p == pytest.approx(min(0.0, two + np.log10(4.0)))
+def test_what_either_says_well_is_not_lost_beside_what_the_other_does_not() -> None:
+    for pair in ((-6.6, 0.0), (0.0, -6.6)):
+        assert joint(*pair) == pytest.approx(-6.6 + np.log10(3.0))
+    # Two that say too little each say enough together.
+    assert joint(-4.5, -4.5) < -6.0
 
 
 def test_a_copy_that_lies_nowhere_is_inconclusive_unless_it_is_marked_alone() -> None:

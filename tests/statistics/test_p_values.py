@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from meshmark.statistics.p_values import (
+    NORMAL_SHARE,
     exact_log10_p,
     log10_p_words,
     log_cosh,
+    normal_log_p,
     reachable_log10_p,
     word_log_e,
     word_log_e_means,
@@ -59,6 +61,31 @@ def test_exact_tail_is_never_above_hoeffding(S) -> None:
     scored = words[(words @ S) > 0]
     hoeffding = -((scored @ S) ** 2) / (2.0 * (S**2).sum()) / np.log(10.0)
     assert np.all(exact_log10_p(S, scored) <= hoeffding + 1e-9)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=10).filter(np.linalg.norm))
+def test_the_normal_bound_is_never_below_the_exact_tail(S) -> None:
+    S, words = np.array(S), all_words(len(S))
+    bound = normal_log_p(S[None], words)[:, 0] / np.log(10.0)
+    assert np.all(bound >= exact_log10_p(S, words) - 1e-6)
+
+
+def test_two_equal_chips_reach_the_normal_bound() -> None:
+    # Both agree in one case of four, which is c P(N >= sqrt 2): no smaller c would do.
+    assert np.exp(normal_log_p(np.ones((1, 2)), np.ones(2))) == pytest.approx(0.25)
+
+
+def test_weak_chips_of_one_word_are_told_by_the_normal_bound() -> None:
+    rng = np.random.default_rng(4)
+    word = rng.choice([-1, 1], 2000)
+    S = 0.2 * (rng.normal(size=2000) + 0.13 * word)
+    hypotheses = np.stack([S, np.zeros_like(S)])[:, None, :]
+    z = word @ S / np.linalg.norm(S)
+    exact = np.log10(norm.sf(z))
+    found = log10_p_words(hypotheses, word[None], np.log([0.5, 0.5]))
+    # Twice for two hypotheses, 3.178 for the bound, and the share of the rate.
+    assert found == pytest.approx(exact + np.log10(2.0 * 3.178 / NORMAL_SHARE), abs=1e-3)
 
 
 @pytest.mark.parametrize("n_words", [1, 8])

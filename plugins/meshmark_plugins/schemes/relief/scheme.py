@@ -33,6 +33,8 @@ WHAT = "scheme relief"
 OWNER_EVERY = 8
 # Fewer chips could not reach one in a million, whatever they say.
 FEWEST_CHIPS = 26
+# Priors of these: the recipient's chips, the owner's, all. Where all are one's own, they say much.
+PRIORS = (0.6, 0.3, 0.1)
 # Vertices that tell what a copy has been through.
 SAMPLE = 1500
 
@@ -141,14 +143,15 @@ class Relief:
     ) -> list[Observation]:
         """Estimate the chips of all frames, in each way they were measured.
 
-        All chips are read together, the owner's alone, and the others alone.
+        The recipient's chips are read, the owner's, and all together, as they are in copies for
+        nobody.
         """
         found = [
             soft_chips(layout.basis, layout.height, way) for way in zip(*measured, strict=True)
         ]
         owner = layout.owner
-        parts = [np.where(part, S, 0.0) for S in found for part in (True, owner, ~owner)]
-        log_prior = np.full(len(parts), -np.log(len(parts)))
+        parts = [np.where(part, S, 0.0) for S in found for part in (~owner, owner, True)]
+        log_prior = np.log(np.tile(PRIORS, len(found)) / len(found))
         return [
             Observation(soft[:, None, :], log_prior, np.zeros((1, 0)))
             for soft in np.stack(parts, axis=1)
