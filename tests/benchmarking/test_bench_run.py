@@ -206,6 +206,7 @@ def without_timings(document: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in document.items() if name != "timings"}
 
 
+@pytest.mark.slow
 def test_two_runs_are_the_same_and_another_seed_is_not(document, source, tmp_path) -> None:
     short = Suite("tiny", SUITE.cells[:2])
     one = run_benchmark([str(source)], short, [Recipe("tsai2014")], tmp_path / "one")

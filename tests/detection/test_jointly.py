@@ -121,7 +121,7 @@ def test_of_random_keys_no_more_than_a_share_a_have_p_of_a() -> None:
     rng = np.random.default_rng(0)
     alone, beside = evidence(rng, "apex", 4, 16), evidence(rng, "relief", 1, 200)
     p = []
-    for _ in range(400):
+    for _ in range(200):
         key = Key(rng.bytes(32))
         # A lax rate, so that both sides of it are seen.
         one, two = (decide("copy.usda", [item], key, fpr=0.1) for item in (alone, beside))
