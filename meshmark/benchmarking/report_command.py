@@ -30,8 +30,13 @@ def command_of(document: Mapping[str, Any]) -> str:
     typed = _before_sharing(recipes) if document["informed"] else recipes
     for setting in dict.fromkeys(text for recipe in typed for text in _settings(recipe)):
         words += ["--set", setting]
-    for attack in _extra_attacks(document):
-        words += ["--attack", attack]
+    suite = SUITES.get(str(document["suite"]))
+    own = set() if suite is None else {cell.label for cell in suite.cells}
+    labels = dict.fromkeys(row["label"] for row in document["rows"])
+    if not own <= set(labels):
+        words += [word for label in labels if label in own for word in ("--row", label)]
+    # The labels of rows that are not the suite's are what was typed.
+    words += [word for label in labels if label not in own for word in ("--attack", label)]
     if document["frames"] is not None:
         words += ["--frames", document["frames"]]
     words += ["--seed", str(document["seed"]), "-o", "FOLDER"]
@@ -78,14 +83,3 @@ def _settings(recipe: Mapping[str, Any]) -> list[str]:
             if usual.get(name) != value
         ]
     return found
-
-
-def _extra_attacks(document: Mapping[str, Any]) -> list[str]:
-    """List the rows that are not the suite's: their labels are what was typed."""
-    suite = SUITES.get(str(document["suite"]))
-    own = set() if suite is None else {cell.label for cell in suite.cells}
-    return [
-        label
-        for label in dict.fromkeys(row["label"] for row in document["rows"])
-        if label not in own
-    ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
 from meshmark.benchmarking.suite_rows import (
     ANIMATION,
@@ -37,6 +38,26 @@ class Suite:
 
     name: str
     cells: tuple[Cell, ...] = field(repr=False)
+
+    def only(self, labels: Sequence[str]) -> Suite:
+        """Keep the cells with these labels, in which * stands for anything; all if none is given.
+
+        Raises
+        ------
+        UsageError
+            If a label fits no cell.
+        """
+        for label in labels:
+            if not any(fnmatchcase(cell.label, label) for cell in self.cells):
+                raise UsageError(f"suite {self.name} has no row {label!r}")
+        return replace(
+            self,
+            cells=tuple(
+                cell
+                for cell in self.cells
+                if not labels or any(fnmatchcase(cell.label, label) for label in labels)
+            ),
+        )
 
 
 _NONE = (Cell(NO_ATTACK, {}, "animation", "no attack", NO_ATTACK),)

@@ -61,6 +61,14 @@ def bench(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006
+    rows: Annotated[
+        list[str],
+        typer.Option(
+            "--row",
+            metavar="LABEL",
+            help="Only rows of the suite with this label; * stands for anything. Repeat for more.",
+        ),
+    ] = [],  # noqa: B006
     attacks: Annotated[
         list[str],
         typer.Option(
@@ -81,7 +89,7 @@ def bench(
     from meshmark.benchmarking.suites import Suite, suite_named
     from meshmark.workers.ordered_map import default_jobs
 
-    found = suite_named(suite)
+    found = suite_named(suite).only(rows)
     cells = (*found.cells, *(cell_from_text(text) for text in attacks))
     recipes = _recipes(list(dict.fromkeys(schemes)), segmenter, geodesic, settings, informed)
     with frame_progress() as progress:

@@ -18,7 +18,7 @@ from meshmark.benchmarking.report_tables import page_of
 from meshmark.benchmarking.store import Store
 from meshmark.benchmarking.subjects import Subject
 from meshmark.benchmarking.suite_rows import Cell, cell_from_text
-from meshmark.benchmarking.suites import Suite
+from meshmark.benchmarking.suites import SUITES, Suite
 from meshmark.benchmarking.tasks import Bench, Pairing, cell_seed
 from meshmark.cli.bench import exit_code
 from meshmark.detection.decision import decide
@@ -125,7 +125,9 @@ def test_the_static_protocol_is_not_held_against_the_paper(document) -> None:
 def test_the_page_gives_the_command_that_makes_it(document) -> None:
     plain = document((NOISE, result(0.0, 0.0), UNMARKED))
     start = "meshmark bench horse-gallop.usdc --suite tsai2014 --scheme tsai2014 "
-    assert command_of(plain) == start + "--seed 0 -o FOLDER"
+    assert command_of(plain) == start + f"--row '{NOISE.label}' --seed 0 -o FOLDER"
+    whole = [(cell, result(0.0, 0.0), UNMARKED) for cell in SUITES["tsai2014"].cells]
+    assert command_of(document(*whole)) == start + "--seed 0 -o FOLDER"
     extra = cell_from_text("cropping:share=0.4,direction=0;1;0")
     recipe = Recipe("tsai2014", settings={"tsai2014": {"bits": 24}, "sdf": {"rays": 36}})
     told = {
@@ -135,7 +137,8 @@ def test_the_page_gives_the_command_that_makes_it(document) -> None:
     }
     assert command_of(told) == (
         start + "--set tsai2014.bits=24 --set sdf.rays=36 "
-        "--attack 'cropping:share=0.4,direction=0;1;0' --frames 1:9:2 --seed 0 -o FOLDER"
+        f"--row '{NOISE.label}' --attack 'cropping:share=0.4,direction=0;1;0' "
+        "--frames 1:9:2 --seed 0 -o FOLDER"
     )
     assert f"$ {command_of(told)}" in page_of(told)
 

@@ -128,3 +128,13 @@ def test_a_cell_is_read_from_text() -> None:
 def test_a_cell_that_cannot_be_read_is_refused(text) -> None:
     with pytest.raises(UsageError):
         cell_from_text(text)
+
+
+def test_some_rows_are_kept_by_their_labels() -> None:
+    suite = SUITES["tsai2014"]
+    assert suite.only([]) == suite
+    kept = suite.only(["no attack", "cropping *"])
+    assert {cell.family for cell in kept.cells} == {"none", "cropping"}
+    assert 1 < len(kept.cells) < len(suite.cells)
+    with pytest.raises(UsageError, match="tsai2014 has no row 'cropping'"):
+        suite.only(["no attack", "cropping"])
