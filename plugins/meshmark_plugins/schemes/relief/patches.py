@@ -14,6 +14,10 @@ from meshmark.mesh.topology import edges
 ROUNDS = 10
 # Bits of each coordinate along the curve that fills space.
 CURVE_BITS = 10
+# Steps of lengths and areas in a mean one, and the most that an edge is lengthened by. Whole
+# numbers are added up without rounding errors; those of another library or processor could decide
+# between seeds as near to a vertex as each other, of which regular meshes are full.
+STEPS, JITTER = 2**24, 2**14
 
 
 def patch_labels(V: FloatArray, F: IntArray, n_patches: int) -> IntArray:
@@ -39,12 +43,13 @@ def patch_labels(V: FloatArray, F: IntArray, n_patches: int) -> IntArray:
     S. Lloyd, "Least squares quantization in PCM", IEEE Transactions on Information Theory 28(2),
     1982. doi:10.1109/TIT.1982.1056489
     """
-    area = vertex_areas(V, F)
+    area = _whole(vertex_areas(V, F))
     seeds = _spread_seeds(V, area, n_patches)
     E = edges(F)
-    length = lengths(V[E[:, 1]] - V[E[:, 0]])
     # An edge without length would be no edge to scipy.
-    graph = csr_matrix((np.maximum(length, 1e-300), (E[:, 0], E[:, 1])), shape=(len(V), len(V)))
+    jitter = np.random.default_rng(0).integers(1, JITTER, len(E))
+    length = _whole(lengths(V[E[:, 1]] - V[E[:, 0]])) + jitter
+    graph = csr_matrix((length, (E[:, 0], E[:, 1])), shape=(len(V), len(V)))
     for _ in range(ROUNDS):
         label = _nearest_seed(graph, V, seeds)
         seeds = _central_vertices(V, area, label, seeds)
@@ -79,14 +84,19 @@ def _central_vertices(
 ) -> IntArray:
     """Move each seed to the vertex of its patch that is nearest to the centre of its area."""
     n = len(seeds)
-    weight = np.maximum(area, 1e-300)
+    weight = np.maximum(area, 1.0)
     mass = np.bincount(label, weight, n)
     centre = np.stack([np.bincount(label, weight * x, n) / mass for x in V.T], axis=1)
-    offset = lengths(V - centre[label])
+    offset = _whole(lengths(V - centre[label]))
     # The first of each patch after sorting by patch, then by distance, then by index.
     order = np.lexsort((offset, label))
     first = np.searchsorted(label[order], np.arange(n))
     return order[first]
+
+
+def _whole(x: FloatArray) -> FloatArray:
+    """Round values to whole numbers, `STEPS` in a mean one."""
+    return np.round(x / (x.mean() or 1.0) * STEPS)
 
 
 def _curve_position(P: FloatArray) -> IntArray:

@@ -9,8 +9,9 @@ from meshmark import read
 from meshmark.commands.attack import write_attacked
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import as_asset
-from meshmark.mesh.geometry import vertex_areas
+from meshmark.mesh.geometry import lengths, vertex_areas
 from meshmark.testing.meshes import Mesh, icosphere, plane, side_by_side, torus
+from meshmark_plugins.schemes.relief import patches
 from meshmark_plugins.schemes.relief.patches import patch_labels
 
 SHAPES = {"sphere": icosphere(4), "torus": torus(96, 40), "plane": plane(50)}
@@ -96,3 +97,19 @@ def test_specks_and_loose_points_belong_to_the_patch_nearest_in_space() -> None:
     centres = np.array([P[: len(V)][label[: len(V)] == k].mean(axis=0) for k in seeds_near])
     assert np.linalg.norm(centres[0] - (0, 0, 1)) < 0.5
     assert np.linalg.norm(centres[1] - (1, 0, 0)) < 0.5
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_rounding_errors_decide_nothing_on_regular_meshes(name, monkeypatch) -> None:
+    """Another library or processor must find the patches of a mark again."""
+    label = patch_labels(*SHAPES[name], 200)
+    rng = np.random.default_rng(0)
+    for function in (vertex_areas, lengths):
+
+        def inexact(*arguments, function=function) -> np.ndarray:
+            value = function(*arguments)
+            return value * (1.0 + 1e-14 * rng.normal(size=value.shape))
+
+        monkeypatch.setattr(patches, function.__name__, inexact)
+    for _ in range(3):
+        np.testing.assert_array_equal(patch_labels(*SHAPES[name], 200), label)
