@@ -12,15 +12,12 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.precision import stored
+from meshmark.usd.baking import bake_normals, unbind
 from meshmark.usd.frames import blamed
-from meshmark.usd.geometry import (
-    local_points,
-    local_to_world,
-    sample_times,
-    transformed,
-    turned,
-)
+from meshmark.usd.geometry import local_to_world, transformed, turned
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent
+from meshmark.usd.points import MeshPoints
+from meshmark.usd.rest_pose import RestMoves
 
 LocalPoints = NDArray[np.floating]
 
@@ -32,12 +29,15 @@ NO_MOVE = 1e-14
 
 
 def author_marked_points(
-    target: StreamedLayer, prim: Usd.Prim, marked: MeshAnimation, witness: Witness | None = None
+    target: StreamedLayer, points: MeshPoints, marked: MeshAnimation, witness: Witness | None = None
 ) -> None:
     """Give a prim `points` and `extent` at every time its source has points, in its own type.
 
     A layer with any time sample hides all those of the layers below it, so the frames that were
     not marked are authored too, as they are. Frames are asked for one at a time.
+
+    A rigged prim is baked: it is taken from its skeleton, and gets the normals its rig gives it,
+    and as a default the rest pose that its rig would pose like the marked points.
 
     Raises
     ------
@@ -47,41 +47,51 @@ def author_marked_points(
     OutputError
         If a marked point is not finite, or beyond what the prim's type holds.
     """
-    path = str(prim.GetPath())
+    path = str(points.prim.GetPath())
     with blamed(marked.origin, path):
-        pairs = _matched(prim, marked)
-        points_spec, extent_spec = _specs(target.layer, path, local_points(prim, pairs[0][0]))
+        pairs = _matched(points, marked)
+        over = Sdf.CreatePrimInLayer(target.layer, path)
+        points_spec, extent_spec = _specs(over, points.local(pairs[0][0]))
+        rest = RestMoves(points) if points.has_rest_pose else None
+        if points.rig is not None:
+            unbind(over, points.prim)
     for time, index in pairs:
         with blamed(marked.origin, path, time):
-            original = local_points(prim, time)
-            points = original
+            original = points.local(time)
+            new = original
             if index is not None:
-                points = _moved(prim, time, original, marked[index].points)
-        target.set_vectors(points_spec, time, points)
-        target.set_vectors(extent_spec, time, extent(points))
+                new = _moved(points.prim, time, original, marked[index].points)
+            if rest is not None:
+                rest.add(time, new - original)
+        target.set_vectors(points_spec, time, new)
+        target.set_vectors(extent_spec, time, extent(new))
+        if points.rig is not None:
+            bake_normals(target, over, points.rig, time)
         if witness is not None:
-            witness(time, original, points)
+            witness(time, original, new)
+    if rest is not None:
+        new = stored(rest.points + rest.moves(), rest.points.dtype)
+        target.set_vectors(points_spec, np.nan, new)
+        if witness is not None:
+            witness(np.nan, rest.points, new)
 
 
-def unmarked_times(prim: Usd.Prim, marked: MeshAnimation) -> FloatArray:
+def unmarked_times(points: MeshPoints, marked: MeshAnimation) -> FloatArray:
     """List the times at which the source has points and the marked animation has none."""
-    times = sample_times(prim)
+    times = points.times()
     return times[~np.isin(_keys(times), _keys(marked.times))]
 
 
-def _specs(
-    layer: Sdf.Layer, path: str, like: LocalPoints
-) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
-    over = Sdf.CreatePrimInLayer(layer, path)
+def _specs(over: Sdf.PrimSpec, like: LocalPoints) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
     return (
         Sdf.AttributeSpec(over, "points", POINT_TYPES[like.dtype.type]),
         Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array),
     )
 
 
-def _matched(prim: Usd.Prim, marked: MeshAnimation) -> list[tuple[float, int | None]]:
+def _matched(points: MeshPoints, marked: MeshAnimation) -> list[tuple[float, int | None]]:
     """Pair every time of the source with the marked frame at that time, if there is one."""
-    times = sample_times(prim)
+    times = points.times()
     index_of = {key: index for index, key in enumerate(_keys(marked.times).tolist())}
     strange = marked.times[~np.isin(_keys(marked.times), _keys(times))]
     if strange.size:

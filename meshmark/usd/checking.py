@@ -8,15 +8,15 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, UsdUtils
+from pxr import Ar, Sdf, UsdUtils
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError, OutputError
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import local_points, sample_times
 from meshmark.usd.metadata import strip_metadata
 from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
 from meshmark.usd.opening import open_stage
+from meshmark.usd.points import StagePoints
 from meshmark.usd.prims import mesh_prims
 from meshmark.usd.traces import Copy, Traces, marked_points
 
@@ -69,13 +69,14 @@ def check_stage(
     InputError
         If the file cannot be read.
     """
-    stage = open_stage(source).stage
+    opened = open_stage(source)
+    stage = opened.stage
     with caught(source):
         layer = stage.GetRootLayer()
         # A package is checked by what it opens with.
         scratch = Sdf.Layer.CreateAnonymous(".usda")
         scratch.TransferContent(layer)
-        found = _copies(scratch, _own_traces(stage, beat), set(marked), beat)
+        found = _copies(scratch, _own_traces(opened.points, beat), set(marked), beat)
         found |= _layers(layer) | _paths(scratch)
         found |= {
             Finding("metadata", where.strip(), what.strip() or "tells of the origin")
@@ -122,14 +123,14 @@ def require_no_traces(file: Path, traces: Traces, output: Path) -> None:
         )
 
 
-def _own_traces(stage: Usd.Stage, beat: Callable[[], None]) -> Traces:
-    traces = Traces(stage)
-    for prim in mesh_prims(stage):
-        path = str(prim.GetPath())
+def _own_traces(points: StagePoints, beat: Callable[[], None]) -> Traces:
+    traces = Traces(points)
+    for prim in mesh_prims(points.stage):
+        path, mesh = str(prim.GetPath()), points.of(prim)
         try:
-            for time in sample_times(prim):
+            for time in [*mesh.times().tolist(), *([np.nan] if mesh.has_rest_pose else [])]:
                 beat()
-                traces.add(path, float(time), local_points(prim, float(time)))
+                traces.add(path, time, mesh.local(time))
         except (InputError, ValueError):
             # A mesh without a shape, or with another at each time, has no copies.
             traces.shapes.pop(path, None)

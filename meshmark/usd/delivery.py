@@ -20,6 +20,7 @@ from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
 from meshmark.usd.opening import open_stage
+from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.traces import Moved, Traces, replace_traces
 from meshmark.usd.writing import require_prim
@@ -96,16 +97,17 @@ def write_flattened(
     OutputError
         If the place cannot be written to or is part of the source.
     """
-    stage = open_stage(original.source).stage
+    opened = open_stage(original.source)
     refuse_to_overwrite(original.source, output)
     with caught(original.source):
         for mesh in marked.meshes:
-            _require_every_frame(require_prim(stage, mesh, original.source), mesh)
+            prim = require_prim(opened.stage, mesh, original.source)
+            _require_every_frame(opened.points.of(prim), mesh)
     with replacing(output, assets_folder(output)) as beside, usd_output_errors(output):
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
-            lay_over(target.layer, stage, original.source, overlay)
-            traces = _author(target, stage, marked)
+            lay_over(target.layer, opened.stage, original.source, overlay)
+            traces = _author(target, opened.points, marked)
         return _export(Usd.Stage.Open(str(overlay)), traces, output, beside, keep_metadata)
 
 
@@ -128,16 +130,16 @@ def _export(
     return Delivery(tuple(moved), (*removed, *paths.cut), paths.outside)
 
 
-def _author(target: StreamedLayer, stage: Usd.Stage, marked: Asset) -> Traces:
-    traces = Traces(stage)
+def _author(target: StreamedLayer, points: StagePoints, marked: Asset) -> Traces:
+    traces = Traces(points)
     for mesh in marked.meshes:
-        prim = stage.GetPrimAtPath(mesh.prim)
-        author_marked_points(target, prim, mesh, traces.witness(mesh.prim))
+        prim = points.stage.GetPrimAtPath(mesh.prim)
+        author_marked_points(target, points.of(prim), mesh, traces.witness(mesh.prim))
     return traces
 
 
-def _require_every_frame(prim: Usd.Prim, mesh: MeshAnimation) -> None:
-    missing = unmarked_times(prim, mesh)
+def _require_every_frame(points: MeshPoints, mesh: MeshAnimation) -> None:
+    missing = unmarked_times(points, mesh)
     if missing.size:
         raise UsageError(
             f"{missing.size} frames of the source are not marked and would be delivered as they "

@@ -31,6 +31,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     # The comment it could add would name the unmarked source, and a folder of this machine.
     layer = stage.Flatten(addSourceFileComment=False)
     _restore_precision(stage, layer)
+    _restore_cleared_targets(stage, layer)
     kept = _prototypes(layer)
     hidden = [prim for prim in _prims(layer.pseudoRoot) if prim.specifier != Sdf.SpecifierDef]
     for prim in hidden:
@@ -65,6 +66,22 @@ def _retype(
         spec.default = values.Get()
     for time in times:
         layer.SetTimeSample(spec.path, time, values.Get(time))
+
+
+def _restore_cleared_targets(stage: Usd.Stage, layer: Sdf.Layer) -> None:
+    """Clear relationships that are cleared in the stage: flattening forgets it.
+
+    A mesh without a skeleton of its own would be bound to that of a prim above.
+    """
+    for prim in stage.Traverse():
+        for relationship in prim.GetAuthoredRelationships():
+            if not relationship.HasAuthoredTargets() or relationship.GetTargets():
+                continue
+            spec = layer.GetRelationshipAtPath(relationship.GetPath())
+            if spec is None:
+                owner = layer.GetPrimAtPath(prim.GetPath())
+                spec = Sdf.RelationshipSpec(owner, relationship.GetName(), relationship.IsCustom())
+            spec.targetPathList.ClearEditsAndMakeExplicit()
 
 
 def _prims(parent: Sdf.PrimSpec) -> Iterator[Sdf.PrimSpec]:

@@ -12,13 +12,7 @@ from meshmark.errors import InputError, MeshmarkError
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import (
-    local_points,
-    local_to_world,
-    number_of_points,
-    read_topology,
-    world_points,
-)
+from meshmark.usd.geometry import number_of_points, read_topology
 from meshmark.usd.opening import OpenStage, open_stage
 
 
@@ -36,7 +30,7 @@ class StageFrames:
     prim : str
         Path of the mesh.
     times : tuple of float
-        Time codes; a single NaN if the points have no time samples.
+        Time codes; a single NaN if nothing that moves the points has time samples.
     reference : int or None
         A frame whose faces, and number of points, are those of all; None if they change.
     strays : tuple of int
@@ -62,7 +56,7 @@ class StageFrames:
         time = self.times[index]
         with blamed(self.source, self.prim, time):
             prim = opened.stage.GetPrimAtPath(self.prim)
-            points = world_points(local_points(prim, time), local_to_world(prim, time))
+            points = opened.points.of(prim).world(time)
             if index in self.strays or self.reference is None:
                 topology = read_topology(prim, time, len(points))
             if index in self.strays:

@@ -13,6 +13,7 @@ from pxr import Ar, Usd, UsdUtils
 from meshmark.errors import InputError
 from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
+from meshmark.usd.points import StagePoints
 
 # A process works on one source at a time, two when it compares; every stage held costs memory.
 KEPT_OPEN = 4
@@ -20,13 +21,14 @@ KEPT_OPEN = 4
 
 @dataclass(frozen=True)
 class OpenStage:
-    """A stage, what pxr said while opening it, and the topologies already read from it.
+    """A stage, what pxr said while opening it, its points, and topologies already read from it.
 
     The stage is shared by everybody in the process who reads that file: it must not be edited.
     """
 
     stage: Usd.Stage
     warnings: tuple[str, ...]
+    points: StagePoints
     topologies: dict[str, Topology] = field(default_factory=dict)
 
 
@@ -83,7 +85,7 @@ def _opened(source: str) -> OpenStage:
     with caught(source) as warnings:
         stage = Usd.Stage.Open(source)
         _require_time(stage, source)
-    return OpenStage(stage, tuple(warnings))
+    return OpenStage(stage, tuple(warnings), StagePoints(stage))
 
 
 def _require_time(stage: Usd.Stage, source: str) -> None:

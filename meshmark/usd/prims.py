@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from pxr import Usd, UsdGeom, UsdSkel
+from pxr import Usd, UsdGeom
 
 INSTANCED = "inside an instance: cannot be marked in place, only in a flattened deliverable"
-SKINNED = "skinned: rest pose points"
 INVISIBLE = "invisible at its first time"
 
 
@@ -72,13 +71,6 @@ def is_guide(prim: Usd.Prim) -> bool:
     return bool(UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide)
 
 
-def is_skinned(prim: Usd.Prim) -> bool:
-    """Tell whether a skeleton deforms the mesh."""
-    binding = UsdSkel.BindingAPI(prim)
-    influenced = binding.GetJointIndicesPrimvar().HasAuthoredValue()
-    return bool(influenced and binding.GetInheritedSkeleton())
-
-
 def notes(prim: Usd.Prim) -> tuple[str, ...]:
     """Say what a person should know about how a mesh prim is read."""
     image = UsdGeom.Imageable(prim)
@@ -86,7 +78,6 @@ def notes(prim: Usd.Prim) -> tuple[str, ...]:
     visibility = image.ComputeVisibility(Usd.TimeCode.EarliestTime())
     said = {
         INSTANCED: prim.IsInstanceProxy(),
-        SKINNED: is_skinned(prim),
         f"purpose {purpose}": purpose != UsdGeom.Tokens.default_,
         INVISIBLE: visibility == UsdGeom.Tokens.invisible,
     }

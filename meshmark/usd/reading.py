@@ -14,9 +14,9 @@ from meshmark.mesh.frame_agreement import agreed
 from meshmark.mesh.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
-from meshmark.usd.geometry import local_points, sample_times, shapes
+from meshmark.usd.geometry import shapes
 from meshmark.usd.names import READER
-from meshmark.usd.opening import open_stage
+from meshmark.usd.opening import OpenStage, open_stage
 from meshmark.usd.prims import (
     hidden_prototypes,
     is_guide,
@@ -33,9 +33,11 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     """Read the meshes of a .usd, .usda, .usdc or .usdz file.
 
     Every mesh the stage shows is read, at the times its points are sampled at, in world space;
-    subdivision surfaces as their control cage. Purposes `default`, `render` and `proxy` are
-    read, because all three leave the house with the stage; `guide` is left out with a note.
-    Meshes inside instances and skinned ones (in their rest pose) are read with a note.
+    subdivision surfaces as their control cage. Rigged ones (UsdSkel) are read as joints and blend
+    shapes pose them, at the times these, points and transforms are sampled at; in the rest pose,
+    if the rig cannot pose them. Purposes `default`, `render` and `proxy` are read, because all
+    three leave the house with the stage; `guide` is left out with a note. Meshes inside instances
+    and rigged ones are read with a note.
 
     Of the frames only the faces and the number of points are looked at now, and one frame that can
     be read; the others when they are asked for. Where almost all have the same faces, those that
@@ -68,7 +70,7 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     try:
         # Layers are opened, and values unpacked, whenever pxr first needs them.
         with caught(source) as said:
-            asset = _read(source, opened.stage, prims)
+            asset = _read(source, opened, prims)
     except InputError as error:
         # What is wrong with a mesh may be what is missing from it.
         missing = unopened([*opened.warnings, *said])
@@ -79,16 +81,17 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     return replace(asset, notes=tuple(dict.fromkeys((*opened.warnings, *said, *asset.notes))))
 
 
-def _read(source: str, stage: Usd.Stage, prims: Sequence[str] | None) -> Asset:
+def _read(source: str, opened: OpenStage, prims: Sequence[str] | None) -> Asset:
+    stage = opened.stage
     found = {str(prim.GetPath()): prim for prim in mesh_prims(stage)}
     if not found:
         raise InputError("the stage holds no mesh", source=source)
     if prims is None:
-        meshes, left_out = _read_fit(source, found.values())
+        meshes, left_out = _read_fit(source, opened, found.values())
         unseen = _unseen(stage)
     else:
         _require(source, prims, found)
-        meshes = tuple(_read_mesh(source, found[path]) for path in dict.fromkeys(prims))
+        meshes = tuple(_read_mesh(source, opened, found[path]) for path in dict.fromkeys(prims))
         left_out, unseen = (), ()
     told = (f"{each.prim}: left out: {each.reason}" for each in left_out)
     return Asset(
@@ -118,7 +121,7 @@ def _require(source: str, wanted: Iterable[str], found: dict[str, Usd.Prim]) -> 
 
 
 def _read_fit(
-    source: str, prims: Iterable[Usd.Prim]
+    source: str, opened: OpenStage, prims: Iterable[Usd.Prim]
 ) -> tuple[tuple[MeshAnimation, ...], tuple[LeftOut, ...]]:
     meshes: list[MeshAnimation] = []
     errors: list[InputError] = []
@@ -128,7 +131,7 @@ def _read_fit(
             guides.append(LeftOut(str(prim.GetPath()), "purpose guide", guide=True))
             continue
         try:
-            meshes.append(_read_mesh(source, prim))
+            meshes.append(_read_mesh(source, opened, prim))
         except InputError as error:
             errors.append(error)
     if not meshes:
@@ -137,17 +140,18 @@ def _read_fit(
     return tuple(meshes), (*guides, *unfit)
 
 
-def _read_mesh(source: str, prim: Usd.Prim) -> MeshAnimation:
+def _read_mesh(source: str, opened: OpenStage, prim: Usd.Prim) -> MeshAnimation:
     path = str(prim.GetPath())
     with blamed(source, path):
-        times = sample_times(prim)
+        points = opened.points.of(prim)
+        times = points.times()
         most = agreed(shapes(prim, times))
-        said, in_place = notes(prim), not prim.IsInstanceProxy()
+        said, in_place = (*notes(prim), *points.notes), not prim.IsInstanceProxy()
     reference, strays = (None, ()) if most is None else most
     frames = StageFrames(source, path, tuple(times.tolist()), reference, strays)
     index, first = _first_readable(frames)
     with blamed(source, path):
-        stored = local_points(prim, frames.times[index])
+        stored = points.local(frames.times[index])
     flaw = first.topology.left_out
     return MeshAnimation(
         times=times,

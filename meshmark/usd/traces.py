@@ -14,7 +14,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.delivery.clouds import find_cloud
 from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
-from meshmark.usd.geometry import local_points, local_to_world, polygons
+from meshmark.usd.geometry import local_to_world, polygons
 from meshmark.usd.layers import VECTOR_ARRAYS, extent, set_value, value_at, vector_array
 from meshmark.usd.numbers import (
     Numbers,
@@ -24,6 +24,7 @@ from meshmark.usd.numbers import (
     rewrite_numbers,
     views,
 )
+from meshmark.usd.points import StagePoints
 
 # Residuals below it are equally good.
 EXACT = 1e-6
@@ -76,7 +77,7 @@ class Traces:
     Holds samples of the poses, not the points: these are read again from the stage.
     """
 
-    stage: Usd.Stage
+    points: StagePoints
     shapes: dict[str, Shape] = field(default_factory=dict, init=False)
 
     def add(self, prim: str, time: float, points: NDArray[np.floating]) -> None:
@@ -90,11 +91,11 @@ class Traces:
             If it has another number of points than before.
         """
         if prim not in self.shapes:
-            mesh = self.stage.GetPrimAtPath(prim)
-            _, corners = polygons(UsdGeom.Mesh(mesh), Usd.TimeCode.EarliestTime())
+            mesh = self.points.of(self.points.stage.GetPrimAtPath(prim))
+            _, corners = polygons(UsdGeom.Mesh(mesh.prim), Usd.TimeCode.EarliestTime())
 
             def read(time: float) -> FloatArray:
-                return local_points(mesh, time).astype(np.float64)
+                return mesh.local(time).astype(np.float64)
 
             self.shapes[prim] = Shape(len(points), corners, read)
         self.shapes[prim].add(time, points.astype(np.float64))
@@ -123,7 +124,7 @@ class Traces:
             found: list[Copy] = []
             left = np.arange(len(cloud))
             for prim, shape in known:
-                to_world = partial(local_to_world, self.stage.GetPrimAtPath(prim))
+                to_world = partial(local_to_world, self.points.stage.GetPrimAtPath(prim))
                 match = find_cloud(cloud[left], shape, hint=place.time, to_world=to_world)
                 if match is not None:
                     found.append(Copy(prim, cloud, replace(match, rows=left[match.rows])))
@@ -158,7 +159,7 @@ def _in_order(numbers: FloatArray, known: Iterable[tuple[str, Shape]], place: Pl
 def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
     """Put marked points wherever a flattened layer holds an image of the same points unmarked.
 
-    A default beside the time samples of a marked prim's points is removed.
+    A default beside the time samples of a marked prim's points is removed, unless it is marked.
 
     Returns
     -------
@@ -181,8 +182,10 @@ def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
         return array, set()
 
     own = {f"{prim}.points" for prim in traces.shapes}
-    for path in own:
-        if layer.GetNumTimeSamplesForPath(path):
+    for prim, shape in traces.shapes.items():
+        path = f"{prim}.points"
+        # A rest pose was marked as well.
+        if layer.GetNumTimeSamplesForPath(path) and not np.isnan(shape.times).any():
             layer.GetAttributeAtPath(path).ClearDefaultValue()
     found = sorted(Moved(path, prim) for path, prim in rewrite_numbers(layer, moved))
     for path in dict.fromkeys(each.path for each in found):

@@ -20,7 +20,8 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
 
     The layer holds only `over` specs with `points` and `extent`, at every time the source has
     points (its default where it has no samples), and the metadata without which it would not
-    look the same as the source. The source's files are only read. Equal input gives equal bytes.
+    look the same as the source. Of a rigged mesh it also holds what it takes to bake it; see
+    `meshmark.usd.authoring`. The source's files are only read. Equal input gives equal bytes.
 
     Parameters
     ----------
@@ -39,7 +40,8 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
     UsageError
         If the marked meshes do not fit the original.
     """
-    stage = open_stage(original.source).stage
+    opened = open_stage(original.source)
+    stage = opened.stage
     refuse_to_overwrite(original.source, output)
     pairs = [(require_prim(stage, mesh, original.source), mesh) for mesh in marked.meshes]
     pairs = [(prim, mesh) for prim, mesh in pairs if not prim.IsInstanceProxy()]
@@ -52,7 +54,7 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
     with new_layer(output) as target:
         lay_over(target.layer, stage, original.source, output)
         for prim, mesh in pairs:
-            author_marked_points(target, prim, mesh)
+            author_marked_points(target, opened.points.of(prim), mesh)
 
 
 def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:

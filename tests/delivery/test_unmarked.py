@@ -175,7 +175,7 @@ def test_meshes_beside_those_asked_for_are_named(run: Run, tmp_path: Path) -> No
     assert skipped(tmp_path) == ["/box"]
 
 
-def test_a_skinned_mesh_is_said_to_be_marked_in_its_rest_pose(run: Run, tmp_path: Path) -> None:
+def test_a_rigged_mesh_is_said_to_be_one(run: Run, tmp_path: Path) -> None:
     bound = body().replace(
         '"body"\n    {',
         """"body" (
@@ -186,14 +186,24 @@ def test_a_skinned_mesh_is_said_to_be_marked_in_its_rest_pose(run: Run, tmp_path
         int[] primvars:skel:jointIndices = [0] (
             elementSize = 1
             interpolation = "constant"
+        )
+        float[] primvars:skel:jointWeights = [1] (
+            elementSize = 1
+            interpolation = "constant"
         )""",
     )
-    write_text(
-        tmp_path / "scene.usda",
-        f'def SkelRoot "root"\n{{\n{bound}\ndef Skeleton "bones"\n{{\n}}\n}}',
-    )
+    still = "[((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]"
+    bones = f"""
+    def Skeleton "bones"
+    {{
+        uniform token[] joints = ["hip"]
+        uniform matrix4d[] bindTransforms = {still}
+        uniform matrix4d[] restTransforms = {still}
+    }}
+    """
+    write_text(tmp_path / "scene.usda", f'def SkelRoot "root"\n{{\n{bound}\n{bones}\n}}')
     code, said = run("--deliver")
     assert code == 0, said
-    assert "/root/body: skinned: rest pose" in said
+    assert "/root/body: rigged: posed by /root/bones" in said
     document = json.loads((tmp_path / "o.usda.meshmark.json").read_text())
-    assert document["prims"][0]["notes"] == ["skinned: rest pose points"]
+    assert document["prims"][0]["notes"] == ["rigged: posed by /root/bones"]

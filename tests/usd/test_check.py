@@ -20,6 +20,7 @@ from meshmark.errors import InputError, OutputError
 from meshmark.testing.schemas import schema_folder
 from meshmark.usd import delivery
 from meshmark.usd.checking import check_stage
+from meshmark.usd.points import StagePoints
 from meshmark.usd.reading import read_stage
 from meshmark.usd.traces import Traces
 from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, moved, sampled, write_text
@@ -199,5 +200,5 @@ def test_corners_that_make_no_faces_are_not_gone_through(tmp_path: Path, faces: 
     text = cube("m").replace(f"int[] faceVertexIndices = {CUBE_INDICES}", faces)
     stage = Usd.Stage.Open(write_text(tmp_path / "a.usda", text))
     with pytest.raises(InputError):
-        Traces(stage).add("/m", np.nan, CUBE_POINTS)
+        Traces(StagePoints(stage)).add("/m", np.nan, CUBE_POINTS)
     assert check_stage(str(tmp_path / "a.usda")) == []

@@ -251,7 +251,10 @@ def test_assembled_stage(data_folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "n_points"), [("CesiumMan.usdz", 3273), ("skel-human.usda", 2240)]
 )
-def test_skinned(data_folder: Path, name: str, n_points: int) -> None:
+def test_rigged(data_folder: Path, name: str, n_points: int) -> None:
     mesh = read_one(str(data_folder / "usd" / name))
-    assert mesh.notes == ("skinned: rest pose points",)
+    (note,) = mesh.notes
+    assert note.startswith("rigged: posed by /")
+    assert len(mesh) in (48, 101)
     assert mesh[0].points.shape == (n_points, 3)
+    assert (mesh[0].points != mesh[len(mesh) // 2].points).any(axis=1).all()

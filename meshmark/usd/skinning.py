@@ -1,0 +1,228 @@
+"""Rigs (UsdSkel): what joints and blend shapes make of the points of a mesh, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdSkel, Vt
+
+from meshmark.arrays import FloatArray
+from meshmark.errors import InputError, NoExtentError
+from meshmark.usd.geometry import Float32Array, local_to_world, time_code, transformed
+
+# Times this close are the same: layer offsets round.
+SAME_TIME = 1e-9
+INSTANCES_TOO = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What deforms a mesh prim: the joints of a skeleton, blend shapes, or both.
+
+    Parameters
+    ----------
+    bone : Usd.Prim
+        The skeleton, in whose space the joints move.
+    skeleton : UsdSkel.SkeletonQuery
+        Poses the joints.
+    skinning : UsdSkel.SkinningQuery
+        Binds the prim to them.
+    """
+
+    bone: Usd.Prim
+    skeleton: UsdSkel.SkeletonQuery
+    skinning: UsdSkel.SkinningQuery
+
+    @property
+    def prim(self) -> Usd.Prim:
+        """The mesh prim."""
+        return self.skinning.GetPrim()
+
+    @property
+    def moved_by_joints(self) -> bool:
+        """Whether joints move it, not blend shapes alone."""
+        return bool(self.skinning.HasJointInfluences())
+
+    @cached_property
+    def shapes(self) -> BlendShapes | None:
+        """Its blend shapes, if any of them are animated and fit."""
+        animation = self.skeleton.GetAnimQuery()
+        if not self.skinning.HasBlendShapes() or not animation:
+            return None
+        return BlendShapes.of(self.skinning, animation)
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """The times, sorted, at which anything that moves its points is sampled."""
+        times = np.unique(np.fromiter(self._times(), dtype=np.float64))
+        close = np.diff(times) <= SAME_TIME * np.maximum(1.0, np.abs(times[1:]))
+        return times[np.concatenate([[True], ~close])] if times.size else times
+
+    def _times(self) -> Iterator[float]:
+        yield from UsdGeom.Mesh(self.prim).GetPointsAttr().GetTimeSamples()
+        for prim in (self.prim, self.bone):
+            for above in prim.GetPath().GetPrefixes():
+                place = UsdGeom.Xformable(self.prim.GetStage().GetPrimAtPath(above))
+                yield from place.GetTimeSamples() if place else ()
+        animation = self.skeleton.GetAnimQuery()
+        if animation and self.shapes is not None:
+            yield from animation.GetBlendShapeWeightTimeSamples()
+        if self.moved_by_joints:
+            yield from animation.GetJointTransformTimeSamples() if animation else ()
+            for attribute in self._influences():
+                yield from attribute.GetTimeSamples()
+
+    def _influences(self) -> list[Usd.Attribute]:
+        found = (
+            self.skinning.GetJointIndicesPrimvar().GetAttr(),
+            self.skinning.GetJointWeightsPrimvar().GetAttr(),
+            self.skinning.GetGeomBindTransformAttr(),
+        )
+        return [attribute for attribute in found if attribute]
+
+    def pose(self, rest: NDArray[np.floating], time: float) -> FloatArray:
+        """Deform points (N, 3) of the rest pose, in the prim's own space before and after.
+
+        usd-core computes it, in single precision.
+
+        Raises
+        ------
+        InputError
+            If the rig does not fit the points, or they cannot be in the prim's space; the
+            caller adds where.
+        """
+        posed = self.deformed(rest, time)
+        return transformed(posed, self.to_prim(time)) if self.moved_by_joints else posed
+
+    def deformed(self, rest: NDArray[np.floating], time: float) -> FloatArray:
+        """Deform points (N, 3): into the skeleton's space, if joints move them.
+
+        Raises
+        ------
+        InputError
+            If the joints do not fit each other, or the points; the caller adds where.
+        """
+        points = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rest, dtype=np.float32))
+        code = time_code(time)
+        if self.shapes is not None:
+            points = self.shapes.blended(points, code)
+        if self.moved_by_joints:
+            joints = self.skeleton.ComputeSkinningTransforms(code)
+            if not joints or not self.skinning.ComputeSkinnedPoints(joints, points, code):
+                raise InputError("the joints do not fit each other, or the mesh")
+        return np.asarray(points, dtype=np.float64)
+
+    def to_prim(self, time: float) -> FloatArray:
+        """Return the matrix (4, 4) from the skeleton's space to the prim's, for row vectors.
+
+        Raises
+        ------
+        InputError
+            If the prim is scaled to nothing, or a transform is not finite.
+        """
+        own = local_to_world(self.prim, time)
+        try:
+            return local_to_world(self.bone, time) @ np.linalg.inv(own)
+        except np.linalg.LinAlgError:
+            raise NoExtentError("it is scaled to nothing") from None
+
+
+@dataclass(frozen=True, eq=False)
+class BlendShapes:
+    """Blend shapes of a mesh prim, with their in-betweens, and what animates them."""
+
+    query: UsdSkel.BlendShapeQuery
+    mapper: UsdSkel.AnimMapper
+    animation: UsdSkel.AnimQuery
+    vertices: list[Vt.IntArray]
+    offsets: list[Vt.Vec3fArray]
+
+    @classmethod
+    def of(cls, skinning: UsdSkel.SkinningQuery, animation: UsdSkel.AnimQuery) -> BlendShapes:
+        """Collect those of a prim."""
+        query = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(skinning.GetPrim()))
+        return cls(
+            query,
+            skinning.GetBlendShapeMapper(),
+            animation,
+            query.ComputeBlendShapePointIndices(),
+            query.ComputeSubShapePointOffsets(),
+        )
+
+    def sub_shape_weights(self, code: Usd.TimeCode) -> tuple[Any, Any, Any] | None:
+        """Return weight, blend shape and number of each shape and in-between; None if unfit."""
+        weights = self.animation.ComputeBlendShapeWeights(code)
+        mapped = None if weights is None else self.mapper.Remap(weights)
+        if mapped is None or len(mapped) != self.query.GetNumBlendShapes():
+            return None
+        found: tuple[Any, Any, Any] = self.query.ComputeSubShapeWeights(mapped)
+        return found
+
+    def blended(self, points: Vt.Vec3fArray, code: Usd.TimeCode) -> Vt.Vec3fArray:
+        """Add the shapes to the points of the rest pose, as far as they fit.
+
+        Like usd-core's own baking, none of them where one of them does not.
+        """
+        weights = self.sub_shape_weights(code)
+        blended = Vt.Vec3fArray(points)
+        if weights is None or not self.query.ComputeDeformedPoints(
+            *weights, self.vertices, self.offsets, blended
+        ):
+            return points
+        return blended
+
+    @cached_property
+    def normal_offsets(self) -> list[Float32Array]:
+        """What each shape and in-between adds to normals, (m, 3) each; (0, 3) for nothing."""
+        found = [np.zeros((0, 3), dtype=np.float32) for _ in range(self.query.GetNumSubShapes())]
+        whole: dict[int, int] = {}
+        for number in range(len(found)):
+            between = self.query.GetInbetween(number)
+            if between:
+                found[number] = _vectors(between.GetNormalOffsets())
+            else:
+                # A shape is listed at weight 0, where it adds nothing, before weight 1.
+                whole[self.query.GetBlendShapeIndex(number)] = number
+        for shape, number in whole.items():
+            offsets = self.query.GetBlendShape(shape).GetNormalOffsetsAttr()
+            found[number] = _vectors(offsets.Get() if offsets else None)
+        return found
+
+
+def rigs_below(root: Usd.Prim) -> dict[str, Rig]:
+    """Map the path of every mesh that a skeleton below a SkelRoot deforms to its rig."""
+    cache, skel_root = UsdSkel.Cache(), UsdSkel.Root(root)
+    cache.Populate(skel_root, INSTANCES_TOO)
+    found: dict[str, Rig] = {}
+    for binding in cache.ComputeSkelBindings(skel_root, INSTANCES_TOO):
+        bone = binding.GetSkeleton()
+        # Of what is inside an instance, the query knows the prototype only.
+        skeleton = cache.GetSkelQuery(bone)
+        for skinning in binding.GetSkinningTargets():
+            prim = skinning.GetPrim()
+            if skeleton and prim.IsA(UsdGeom.Mesh) and _deforms(skinning):
+                found[str(prim.GetPath())] = Rig(bone.GetPrim(), skeleton, skinning)
+    return found
+
+
+def skel_root(prim: Usd.Prim) -> Usd.Prim | None:
+    """Return the outermost SkelRoot around a prim: nothing is skinned outside of one."""
+    found = None
+    while prim:
+        found = prim if prim.IsA(UsdSkel.Root) else found
+        prim = prim.GetParent()
+    return found
+
+
+def _deforms(skinning: UsdSkel.SkinningQuery) -> bool:
+    return bool(skinning.HasJointInfluences() or skinning.HasBlendShapes())
+
+
+def _vectors(value: Any) -> Float32Array:
+    fit = isinstance(value, Vt.Vec3fArray)
+    return np.asarray(value) if fit else np.zeros((0, 3), dtype=np.float32)
