@@ -13,6 +13,12 @@ def _obj(**parameters: Any) -> Any:
     return ObjFrames(**parameters)
 
 
+def _gltf(**parameters: Any) -> Any:
+    from meshmark_plugins.readers.gltf.reader import GltfReader
+
+    return GltfReader(**parameters)
+
+
 RECORDS = [
     ReaderRecord(
         name="obj",
@@ -20,6 +26,13 @@ RECORDS = [
         summary="a folder or pattern of OBJ files, one a frame, or a single OBJ file",
         version="1",
         parameters={},
+    ),
+    ReaderRecord(
+        name="gltf",
+        factory=_gltf,
+        summary="glTF 2.0, .glb and .gltf: skins, morph targets, one animation clip",
+        version="1",
+        parameters={"clip": "", "fps": 0.0},
     ),
 ]
 

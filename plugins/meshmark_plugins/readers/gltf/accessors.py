@@ -1,0 +1,168 @@
+"""Accessors: typed arrays in views of buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from meshmark.arrays import IntArray
+from meshmark.errors import InputError
+from meshmark_plugins.readers.gltf.buffers import Buffers
+from meshmark_plugins.readers.gltf.element import LARGEST, Element
+
+TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+UNSIGNED = ("<u1", "<u2", "<u4")
+
+
+class Accessors:
+    """The accessors of a document; each array is a copy of what it needs of a file.
+
+    Parameters
+    ----------
+    root : Element
+        The document.
+    buffers : Buffers
+        Its bytes.
+    """
+
+    def __init__(self, root: Element, buffers: Buffers) -> None:
+        self.elements: Sequence[Element] = root.objects("accessors")
+        self._buffers = buffers
+
+    def count(self, index: int) -> int:
+        """Return how many elements an accessor says it has."""
+        return self.elements[index].integer("count", low=1)
+
+    def numbers(
+        self,
+        index: int,
+        width: int,
+        *,
+        count: int | None = None,
+        stored: NDArray[Any] | None = None,
+    ) -> NDArray[np.floating]:
+        """Return real numbers.
+
+        Parameters
+        ----------
+        width : int
+            Numbers of an element: 3 for vectors, 16 for matrices.
+        count : int, optional
+            How many elements there must be.
+        stored : (N, width) array, optional
+            What a decoder has found in place of the accessor's own data.
+
+        Returns
+        -------
+        (N, width) float32 or float64
+            Finite; float64 where integers stand for numbers within [-1, 1].
+        """
+        accessor = self.elements[index]
+        values = self._values(accessor, width, count, stored)
+        if values.dtype.kind == "f":
+            finite = np.isfinite(values)
+            if not finite.all():
+                row = int(np.argmin(finite.all(axis=1)))
+                raise InputError(f"{accessor.place}: element {row} is not finite")
+            return values
+        if not accessor.flag("normalized"):
+            return values.astype(np.float64)
+        most = np.iinfo(values.dtype).max
+        return np.maximum(values.astype(np.float64) / most, -1.0)
+
+    def integers(
+        self,
+        index: int,
+        width: int,
+        *,
+        count: int | None = None,
+        stored: NDArray[Any] | None = None,
+    ) -> IntArray:
+        """Return integers that are not negative, (N, width); see `numbers`."""
+        accessor = self.elements[index]
+        values = self._values(accessor, width, count, stored)
+        if values.dtype.kind != "u":
+            accessor.fail("componentType", "is not of unsigned integers")
+        return values
+
+    def _values(
+        self, accessor: Element, width: int, count: int | None, stored: NDArray[Any] | None
+    ) -> NDArray[Any]:
+        claimed = accessor.integer("count", low=1)
+        if count is not None and claimed != count:
+            accessor.fail("count", f"is {claimed}, not {count}")
+        if WIDTHS[accessor.one_of("type", list(WIDTHS))] != width:
+            accessor.fail("type", f"is {accessor.text('type')}, not of {width} numbers")
+        if stored is not None:
+            if stored.shape != (claimed, width):
+                found = " x ".join(map(str, stored.shape))
+                raise InputError(f"{accessor.place}: {found} numbers were compressed")
+            return stored
+        dtype = _dtype(accessor)
+        sparse = accessor.object("sparse") if "sparse" in accessor else None
+        if "bufferView" in accessor:
+            values = self._dense(accessor, dtype, claimed, width)
+        else:
+            # Nothing but the number of vertices, or what is listed, bounds what is allocated.
+            listed = 0 if sparse is None else sparse.integer("count")
+            if count is None and listed < claimed:
+                accessor.fail("bufferView", "is missing")
+            values = None
+        if sparse is not None:
+            return self._with_sparse(sparse, dtype, claimed, width, values)
+        return np.zeros((claimed, width), dtype=dtype) if values is None else values
+
+    def _dense(self, holder: Element, dtype: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
+        """Copy the rows that a view holds from an offset on."""
+        number = holder.index("bufferView", self._buffers.views)
+        view, size = self._buffers.view(number), width * dtype.itemsize
+        stride = self._buffers.stride(number) or size
+        begin = holder.integer("byteOffset", default=0)
+        end = begin + (count - 1) * stride + size
+        if stride < size:
+            raise InputError(
+                f"{holder.place}: its elements have {size} bytes, {stride} bytes apart"
+            )
+        if end > len(view):
+            raise InputError(f"{holder.place}: ends at byte {end} of a view of {len(view)} bytes")
+        if stride == size:
+            flat = np.frombuffer(view, dtype, count * width, begin)
+            return flat.reshape(count, width).copy()
+        rows = np.frombuffer(view, np.uint8, end - begin, begin)
+        picked = as_strided(rows, (count, size), (stride, 1), writeable=False)
+        return np.ascontiguousarray(picked).view(dtype)
+
+    def _with_sparse(
+        self,
+        sparse: Element,
+        dtype: np.dtype[Any],
+        count: int,
+        width: int,
+        values: NDArray[Any] | None,
+    ) -> NDArray[Any]:
+        """Put in the elements that are listed one by one."""
+        listed = sparse.integer("count", low=1, high=count)
+        where, what = sparse.object("indices"), sparse.object("values")
+        kind = _dtype(where)
+        if kind.str.replace("|", "<") not in UNSIGNED:
+            where.fail("componentType", "is not of unsigned integers")
+        indices = self._dense(where, kind, listed, 1)[:, 0]
+        if indices.max() >= count:
+            raise InputError(f"{where.place}: {indices.max()} is out of range for {count} elements")
+        replaced = self._dense(what, dtype, listed, width)
+        if values is None:
+            values = np.zeros((count, width), dtype=dtype)
+        values[indices] = replaced
+        return values
+
+
+def _dtype(element: Element) -> np.dtype[Any]:
+    number = element.integer("componentType", high=LARGEST)
+    if number not in TYPES:
+        element.fail("componentType", f"is {number}, which is no type of glTF")
+    return np.dtype(TYPES[number])

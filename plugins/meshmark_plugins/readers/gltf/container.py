@@ -1,0 +1,112 @@
+"""The two forms of a glTF file: binary with chunks, and JSON text."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from meshmark.errors import InputError
+from meshmark.files.reading import opened
+from meshmark_plugins.readers.gltf.element import Element
+
+MAGIC, VERSION = b"glTF", 2
+HEADER, CHUNK_HEADER = struct.Struct("<4sII"), struct.Struct("<II")
+JSON, BINARY = 0x4E4F534A, 0x004E4942
+BINARY_SUFFIX = ".glb"
+
+
+@dataclass(frozen=True)
+class Container:
+    """What a glTF file holds.
+
+    Parameters
+    ----------
+    root : Element
+        The JSON document.
+    binary : memoryview or None
+        The binary chunk, if there is one.
+    """
+
+    root: Element
+    binary: memoryview | None
+
+
+def read_container(path: Path) -> Container:
+    """Read a file of either form; what it is called does not matter if it begins with the magic.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is cut short, or is not of version 2.
+
+    References
+    ----------
+    Khronos Group, glTF 2.0 Specification, section 4: GLB File Format Specification.
+    """
+    with opened(path) as file:
+        data = file.read()
+    if data.startswith(MAGIC):
+        text, binary = _chunks(data)
+    elif path.suffix.lower() == BINARY_SUFFIX:
+        raise InputError("is not a binary glTF file: it does not begin with 'glTF'")
+    else:
+        text, binary = memoryview(data), None
+    root = Element(_parsed(text))
+    version = root.object("asset").text("version")
+    if version.split(".")[0] != str(VERSION):
+        root.object("asset").fail("version", f"is {version[:8]!r}; only 2.x is read")
+    return Container(root, binary)
+
+
+def _chunks(data: bytes) -> tuple[memoryview, memoryview | None]:
+    """Return the JSON and the binary chunk; those of other kinds are passed over."""
+    if len(data) < HEADER.size:
+        raise InputError("ends within its header")
+    _, version, length = HEADER.unpack_from(data)
+    if version != VERSION:
+        raise InputError(f"is binary glTF of version {version}; only version {VERSION} is read")
+    if length > len(data):
+        raise InputError(f"is cut short: it has {len(data)} bytes and should have {length}")
+    whole = memoryview(data)[:length]
+    found: dict[int, memoryview] = {}
+    begin = HEADER.size
+    while begin < length:
+        if begin + CHUNK_HEADER.size > length:
+            raise InputError(f"ends within the chunk header at byte {begin}")
+        size, kind = CHUNK_HEADER.unpack_from(whole, begin)
+        body = begin + CHUNK_HEADER.size
+        if body + size > length:
+            raise InputError(f"the chunk at byte {begin} reaches beyond the end of the file")
+        if not found and kind != JSON:
+            raise InputError("its first chunk is not JSON")
+        if kind in found and kind in (JSON, BINARY):
+            raise InputError(f"the chunk at byte {begin} is there a second time")
+        found[kind] = whole[body : body + size]
+        begin = body + size
+    if JSON not in found:
+        raise InputError("holds no chunk of JSON")
+    return found[JSON], found.get(BINARY)
+
+
+def _parsed(text: memoryview) -> dict[str, object]:
+    try:
+        document = json.loads(str(text, "utf-8-sig"), parse_constant=_no_constant)
+    except UnicodeDecodeError as error:
+        raise InputError(f"its JSON is not UTF-8 at byte {error.start}") from None
+    except RecursionError:
+        raise InputError("its JSON is nested too deeply") from None
+    except json.JSONDecodeError as error:
+        message = f"its JSON is wrong in line {error.lineno}, column {error.colno}: {error.msg}"
+        raise InputError(message) from None
+    except ValueError as error:
+        raise InputError(f"its JSON is wrong: {error}") from None
+    if not isinstance(document, dict):
+        raise InputError("its JSON is not an object")
+    return document
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number of JSON")

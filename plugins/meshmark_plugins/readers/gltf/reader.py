@@ -1,0 +1,155 @@
+"""Reads glTF files: the mesh of each node that has one, over the time of one animation clip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from meshmark.errors import InputError, UsageError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark_plugins.readers.gltf.clips import Track
+from meshmark_plugins.readers.gltf.container import read_container
+from meshmark_plugins.readers.gltf.document import Document, PlacedMesh
+from meshmark_plugins.readers.gltf.frames import GltfFrames
+from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_track
+from meshmark_plugins.readers.gltf.timeline import FASTEST, STILL, Timeline, frames_of
+from meshmark_plugins.readers.gltf.uris import buffer_files, files_named
+
+NAME = "gltf"
+SUFFIXES = (".glb", ".gltf")
+
+
+@dataclass(frozen=True)
+class GltfReader:
+    """Reads .glb and .gltf files of version 2, compressed or not.
+
+    Each node that has a mesh is one mesh here, with all triangles of its primitives, at the path
+    of the node. Nodes are those of the default scene, else of the first, else all. Time code 0 is
+    at 0 s, and frames are at whole time codes.
+
+    Parameters
+    ----------
+    clip : str
+        Name of the animation to read; the first by default.
+    fps : float
+        Time codes per second; by default as many as the densest keys of the file.
+
+    Notes
+    -----
+    glTF's unit is the metre, and Y is up.
+    """
+
+    clip: str = ""
+    fps: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.fps <= FASTEST:
+            raise UsageError(f"fps must lie between 0 and {FASTEST:g}, not {self.fps:g}")
+
+    def accepts(self, source: str) -> bool:
+        """Tell whether the source is called as glTF files are."""
+        return Path(source).suffix.lower() in SUFFIXES
+
+    def read(self, source: str) -> Asset:
+        """Read all but the points of frames, which are computed when asked for.
+
+        Meshes that cannot be read are left out while there are others.
+
+        Raises
+        ------
+        InputError
+            If the file or what it is made of cannot be read, or no mesh of it can.
+        UsageError
+            If there is no such clip.
+        """
+        with _naming(source):
+            return self._read(source)
+
+    def files(self, source: str) -> list[Path]:
+        """List the file, and those of its buffers, sorted."""
+        path = Path(source)
+        with _naming(source):
+            return sorted([path, *buffer_files(read_container(path).root, path.parent)])
+
+    def files_in_reach(self, source: str) -> list[Path]:
+        """List the file, and all that it names, buffers and images; none if it is missing."""
+        path = Path(source)
+        found = [path] if path.is_file() else []
+        # What cannot be read is told of when it is needed.
+        with suppress(InputError):
+            found += files_named(read_container(path).root, path.parent)
+        return found
+
+    def writes(self, output: Path) -> bool:
+        """Tell that glTF is only read."""
+        return False
+
+    def write(self, marked: Asset, original: Asset, output: Path) -> None:
+        """Refuse to write."""
+        raise UsageError("glTF files are only read", source=output)
+
+    def _read(self, source: str) -> Asset:
+        path = Path(source)
+        document = Document(read_container(path), path.parent)
+        meshes, left_out = document.meshes()
+        clip = document.clip(self.clip, meshes)
+        fps = self.fps or document.densest_rate()
+        timeline = None if clip is None or not clip.tracks else frames_of(clip, fps)
+        return Asset(
+            source=source,
+            meshes=tuple(
+                _animation(
+                    mesh,
+                    rig_of(document.hierarchy, clip, mesh.carriers),
+                    weights_track(clip, mesh.node),
+                    timeline,
+                    source,
+                )
+                for mesh in meshes
+            ),
+            reader=NAME,
+            up_axis="Y",
+            meters_per_unit=1.0,
+            fps=fps,
+            notes=tuple(document.notes(clip)),
+            left_out=tuple(left_out),
+        )
+
+
+@contextmanager
+def _naming(source: str) -> Iterator[None]:
+    """Say in errors which file they are about."""
+    try:
+        yield
+    except (InputError, UsageError) as error:
+        raise type(error)(error.message, source=error.source or source) from None
+
+
+def _animation(
+    mesh: PlacedMesh, rig: Rig, track: Track | None, timeline: Timeline | None, source: str
+) -> MeshAnimation:
+    """Return a mesh over time; at no time if nothing of it changes."""
+    moves = timeline is not None and (track is not None or rig.moving)
+    timeline = timeline if timeline is not None and moves else STILL
+    frames = GltfFrames(
+        geometry=mesh.geometry,
+        weights=mesh.weights,
+        weights_track=track,
+        rig=rig,
+        binding=mesh.binding,
+        timeline=timeline,
+        source=source,
+        prim=mesh.prim,
+    )
+    flaw = mesh.geometry.topology.left_out
+    return MeshAnimation(
+        times=timeline.codes,
+        source=frames,
+        prim=mesh.prim,
+        origin=source,
+        notes=(flaw,) if flaw else (),
+        flaw=flaw,
+    )

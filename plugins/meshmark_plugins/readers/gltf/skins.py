@@ -1,0 +1,120 @@
+"""Skins: vertices that follow several joints, each by its weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.errors import InputError
+from meshmark_plugins.readers.gltf.accessors import Accessors
+from meshmark_plugins.readers.gltf.element import Element
+from meshmark_plugins.readers.gltf.geometry import Vertices
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The joints of a skin.
+
+    Parameters
+    ----------
+    joints : tuple of int
+        Nodes.
+    inverse_bind : (J, 4, 4) float64
+        From the space that the mesh is bound in to that of each joint.
+    """
+
+    joints: tuple[int, ...]
+    inverse_bind: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Binding:
+    """How a mesh hangs on a skin.
+
+    Parameters
+    ----------
+    joints : (N, W) int
+        Of each vertex, by their numbers in the skin; the number of joints stands for the node of
+        the mesh itself, which carries vertices that no joint does.
+    weights : (N, W) float64
+        Of sum 1.
+    inverse_bind : (J + 1, 4, 4) float64
+        That of the skin, and the identity for the node.
+    """
+
+    joints: IntArray
+    weights: FloatArray
+    inverse_bind: FloatArray
+
+    def skinned(self, points: FloatArray, worlds: FloatArray) -> FloatArray:
+        """Move points by linear blend skinning.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            In the space that they are bound in.
+        worlds : (J + 1, 4, 4) float64
+            Where the joints stand, and the node of the mesh, in world space.
+
+        Returns
+        -------
+        (N, 3) float64
+            In world space.
+        """
+        moves = (worlds @ self.inverse_bind)[:, :3]
+        blended = np.zeros((len(points), 3, 4))
+        for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
+            blended += weights[:, None, None] * moves[joints]
+        return (blended[:, :, :3] @ points[:, :, None])[:, :, 0] + blended[:, :, 3]
+
+
+def read_skin(skin: Element, nodes: tuple[object, ...], accessors: Accessors) -> Skin:
+    """Read a skin.
+
+    Raises
+    ------
+    InputError
+        If it has no joints, or fewer matrices than joints.
+    """
+    joints = skin.indices("joints", nodes)
+    if not joints:
+        skin.fail("joints", "is missing or empty")
+    inverse_bind = np.tile(np.eye(4), (len(joints), 1, 1))
+    if "inverseBindMatrices" in skin:
+        index = skin.index("inverseBindMatrices", accessors.elements)
+        n = accessors.count(index)
+        if n < len(joints):
+            skin.fail("inverseBindMatrices", f"are {n}, but there are {len(joints)} joints")
+        columns = accessors.numbers(index, 16, count=n)[: len(joints)]
+        inverse_bind = columns.astype(np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
+    return Skin(joints, inverse_bind)
+
+
+def bind(vertices: Vertices, skin: Skin) -> Binding:
+    """Bind vertices to a skin.
+
+    Raises
+    ------
+    InputError
+        If a vertex names a joint that the skin does not have.
+    """
+    joints, weights = vertices.joints.astype(np.int64), vertices.weights.astype(np.float64)
+    n = len(skin.joints)
+    # What has no weight may name anything.
+    joints[weights == 0] = 0
+    if joints.size and joints.max() >= n:
+        row = int(np.argmax((joints >= n).any(axis=1)))
+        message = f"vertex {row} follows joint {joints.max()} of a skin of {n} joints"
+        raise InputError(message)
+    total = weights.sum(axis=1)
+    still = np.abs(total) < np.finfo(np.float32).tiny
+    weights = np.where(still[:, None], 0.0, weights / np.where(still, 1.0, total)[:, None])
+    used = weights.any(axis=0)
+    inverse_bind = np.concatenate([skin.inverse_bind, np.eye(4)[None]])
+    return Binding(
+        np.column_stack([joints[:, used], np.full(len(joints), n)]),
+        np.column_stack([weights[:, used], still.astype(np.float64)]),
+        inverse_bind,
+    )

@@ -1,0 +1,94 @@
+"""Which time codes a clip is read at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshmark.arrays import FloatArray
+from meshmark.errors import InputError
+from meshmark_plugins.readers.gltf.clips import Clip
+
+# Below this rate, too much happens between frames: poses are not on straight lines between keys.
+SLOWEST = 24.0
+USUAL = 24.0
+FASTEST = 1000.0
+# Float32 seconds tell rates to about this share.
+SAME_RATE = 1e-4
+# Keys of an even rate are this close to it.
+EVEN = 1e-2
+# Share of a frame by which a key may miss a time code.
+NEAR_FRAME = 1e-2
+MOST_FRAMES = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """The frames of a clip.
+
+    Parameters
+    ----------
+    fps : float
+        Time codes per second; code 0 is at 0 s.
+    codes : (T,) float64
+        Time codes.
+    """
+
+    fps: float
+    codes: FloatArray
+
+    def seconds(self, index: int) -> float:
+        """Return the time of a frame."""
+        return float(self.codes[index]) / self.fps
+
+
+# Of what has no time.
+STILL = Timeline(USUAL, np.array([np.nan]))
+
+
+def densest_rate(key_times: Iterable[FloatArray]) -> float:
+    """Return the rate of the densest keys, per second; a multiple of it where it is below 24.
+
+    Parameters
+    ----------
+    key_times : iterable of (K,) float64
+        Of each sampler, in seconds. Its spacing is the median one, so that two keys close
+        together, as of a sudden change, do not count.
+    """
+    rates = [_rate(times) for times in key_times]
+    densest = max((rate for rate in rates if rate), default=USUAL)
+    return densest * math.ceil(SLOWEST / densest - EVEN)
+
+
+def frames_of(clip: Clip, fps: float) -> Timeline:
+    """List the whole time codes of a clip; the first key's alone if there is none within it.
+
+    Raises
+    ------
+    InputError
+        If there are too many.
+    """
+    begin, end = (time * fps for time in clip.span)
+    first, last = math.ceil(begin - NEAR_FRAME), math.floor(end + NEAR_FRAME)
+    if last < first:
+        return Timeline(fps, np.array([begin]))
+    if last - first >= MOST_FRAMES:
+        raise InputError(
+            f"the clip {clip.name[:40]!a} has more than {MOST_FRAMES} frames at {fps:g} a second"
+        )
+    return Timeline(fps, np.arange(first, last + 1, dtype=np.float64))
+
+
+def _rate(times: FloatArray) -> float:
+    """Return the rate of keys, a whole number where it is near one; 0 if there is none."""
+    gaps = np.diff(times)
+    gaps = np.sort(gaps[gaps > 0])
+    if not len(gaps):
+        return 0.0
+    usual = gaps[(len(gaps) - 1) // 2]
+    rate = 1.0 / float(np.mean(gaps[np.abs(gaps - usual) <= EVEN * usual]))
+    whole = round(rate)
+    return min(float(whole) if abs(rate - whole) <= SAME_RATE * rate else rate, FASTEST)
