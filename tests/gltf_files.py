@@ -113,10 +113,10 @@ def quad() -> GltfFile:
     return made
 
 
-def ball() -> GltfFile:
+def ball(subdivisions: int = 1) -> GltfFile:
     """Build a ball that is morphed, skinned by two joints, and moves, 9 keys at 12 a second."""
     made = GltfFile()
-    V, F = icosphere(1)
+    V, F = icosphere(subdivisions)
     n = len(V)
     upper = np.clip(0.5 + 0.5 * V[:, 2], 0, 1)
     joints = made.accessor(np.tile([0, 1, 0, 0], (n, 1)), "u1")

@@ -7,7 +7,15 @@ from typing import Annotated
 import typer
 
 from meshmark.cli.console import say, warn
-from meshmark.cli.options import OutputOption, SeedOption, SourceArgument, TrustedOption
+from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
+    OutputOption,
+    SeedOption,
+    SourceArgument,
+    TrustedOption,
+    reader_parameters,
+)
 
 
 def attack(
@@ -26,6 +34,8 @@ def attack(
         ),
     ] = [],  # noqa: B006 (typer makes a new list each time)
     seed: SeedOption = 0,
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     trusted: TrustedOption = False,
 ) -> None:
     """Modify SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
@@ -34,7 +44,7 @@ def attack(
     from meshmark.sources.reading import read
 
     made = attack_from_text(name, parameters)
-    asset = read(source, isolated=not trusted)
+    asset = read(source, parameters=reader_parameters(clip, fps), isolated=not trusted)
     check_output(output, asset, deliver=False)
     attacked = attack_asset(asset, made, seed)
     write_attacked(attacked, output)

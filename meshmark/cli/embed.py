@@ -9,6 +9,8 @@ import typer
 
 from meshmark.cli.console import few, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
     FramesOption,
     GeodesicOption,
     JsonOption,
@@ -20,6 +22,7 @@ from meshmark.cli.options import (
     SourceArgument,
     TrustedOption,
     load_key,
+    reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
@@ -41,6 +44,8 @@ def embed(
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     prim: PrimOption = [],  # noqa: B006
     frames: FramesOption = None,
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     strength: Annotated[
         float | None,
         typer.Option(help="How far each chip is driven, in bins; the scheme's default."),
@@ -102,6 +107,7 @@ def embed(
             secret,
             recipe=layers,
             prims=prim,
+            parameters=reader_parameters(clip, fps),
             frames=frames,
             recipient=None if recipient is None else _name(recipient),
             master=master,

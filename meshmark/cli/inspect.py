@@ -8,12 +8,15 @@ import typer
 
 from meshmark.cli.console import put_json
 from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
     GeodesicOption,
     JsonOption,
     SegmenterOption,
     SetOption,
     SourceArgument,
     TrustedOption,
+    reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
@@ -28,6 +31,8 @@ def inspect(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
     settings: SetOption = [],  # noqa: B006
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -37,7 +42,9 @@ def inspect(
     from meshmark.sources.reading import read
 
     layers = layers_from_text(scheme, segmenter, geodesic, settings)
-    document = inspect_asset(read(source, isolated=not trusted), layers)
+    document = inspect_asset(
+        read(source, parameters=reader_parameters(clip, fps), isolated=not trusted), layers
+    )
     if json:
         put_json(document)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from meshmark.keys import Key
 
 SourceArgument = Annotated[
-    str, typer.Argument(help="A USD file, a folder or glob of OBJ frames.", show_default=False)
+    str,
+    typer.Argument(
+        help="A USD file, a folder or glob of OBJ frames, a glTF file.", show_default=False
+    ),
 ]
 OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where to write.")]
 KeyOption = Annotated[Path, typer.Option("--key", help="Key file, from `meshmark keygen`.")]
@@ -34,6 +37,14 @@ FramesOption = Annotated[
     str | None,
     typer.Option(metavar="A:B[:S]", help="Time codes from A to B, every S-th frame."),
 ]
+ClipOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Animation clip of a glTF file; the first by default."),
+]
+FpsOption = Annotated[
+    float | None,
+    typer.Option(help="Frames per second of a glTF file; by default those of its keys."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")]
 TrustedOption = Annotated[
     bool,
@@ -42,6 +53,16 @@ TrustedOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed of the random numbers.")]
+
+
+def reader_parameters(clip: str | None, fps: float | None) -> dict[str, Any]:
+    """Return the parameters of a reader that options give it."""
+    from meshmark.errors import UsageError
+
+    if fps is not None and not fps > 0:
+        raise UsageError(f"--fps must be positive, not {fps:g}")
+    given = {"clip": clip, "fps": fps}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def load_key(path: Path) -> Key:

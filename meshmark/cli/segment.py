@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from meshmark.cli.console import say
 from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
     FramesOption,
     OutputOption,
     SegmenterOption,
     SetOption,
     SourceArgument,
     TrustedOption,
+    reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_SEGMENTER
 
@@ -20,6 +23,8 @@ def segment(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     settings: SetOption = [],  # noqa: B006 (typer makes a new list each time)
     frames: FramesOption = None,
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     trusted: TrustedOption = False,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, to view in usdview."""
@@ -27,7 +32,7 @@ def segment(
     from meshmark.embedding.outputs import check_output
     from meshmark.sources.reading import read
 
-    asset = read(source, isolated=not trusted)
+    asset = read(source, parameters=reader_parameters(clip, fps), isolated=not trusted)
     check_output(output, asset, deliver=False)
     labels = segment_asset(asset, segmenter_from_text(segmenter, settings), frames)
     write_segmented(asset, labels, frames, output)

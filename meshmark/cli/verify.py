@@ -11,6 +11,8 @@ import typer
 
 from meshmark.cli.console import complain, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
     GeodesicOption,
     JsonOption,
     KeyOption,
@@ -18,6 +20,7 @@ from meshmark.cli.options import (
     SetOption,
     TrustedOption,
     load_key,
+    reader_parameters,
 )
 from meshmark.errors import MeshmarkError
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
@@ -79,6 +82,8 @@ def verify(
             "without it.",
         ),
     ] = None,
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     evidence: Annotated[
         Path | None,
         typer.Option(
@@ -113,11 +118,14 @@ def verify(
         raise UsageError("--unauthenticated-evidence needs --evidence")
     if master is not None and original is None:
         raise UsageError("--master needs --original")
+    parameters = reader_parameters(clip, fps)
+    _require_taken(parameters, [*sources, *([original] if original else [])], evidence)
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
         named=bool(scheme),
         recipients=_names(recipient),
         frames=frames,
+        parameters=parameters,
         evidence=evidence,
         authenticated=not unauthenticated,
         fpr=fpr,
@@ -174,6 +182,7 @@ class Request:
     named: bool
     recipients: Sequence[str]
     frames: str
+    parameters: dict[str, Any]
     evidence: Path | None
     authenticated: bool
     fpr: float
@@ -201,7 +210,6 @@ def _names(recipients: Sequence[str]) -> list[str]:
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
     from meshmark.detection.verify import judge_all
     from meshmark.detection.verify import verify as verify_asset
-    from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:
@@ -226,11 +234,11 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
             )
             return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
         progress("read", source, 0, 1)
-        asset = read(source, isolated=not request.trusted)
+        asset = _read(source, request)
         progress("read", source, 1, 1)
         original = None
         if request.original is not None:
-            original = read(request.original, isolated=not request.trusted)
+            original = _read(request.original, request)
         return verify_asset(
             asset,
             secret,
@@ -245,14 +253,35 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
         )
 
 
+def _read(source: str, request: Request) -> Asset:
+    """Read a source; copies and originals need not all have clips."""
+    from meshmark.sources.readers import takes
+    from meshmark.sources.reading import read
+
+    parameters = request.parameters if takes(source, request.parameters) else None
+    return read(source, parameters=parameters, isolated=not request.trusted)
+
+
+def _require_taken(
+    parameters: dict[str, Any], sources: Sequence[str], evidence: Path | None
+) -> None:
+    """Refuse --clip and --fps where no source takes them, or where they would not be kept."""
+    from meshmark.errors import UsageError
+    from meshmark.sources.readers import takes
+
+    if parameters and not any(takes(source, parameters) for source in sources):
+        raise UsageError("--clip and --fps are for glTF files")
+    if parameters and evidence is not None:
+        raise UsageError("--evidence keeps that of the first clip: it takes no --clip and no --fps")
+
+
 def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) -> Any:
     """Read the master, or return what makes it again; None where no blind layer is tried."""
     from meshmark.embedding.asset import embed
-    from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
     if request.master is not None:
-        return read(request.master, isolated=not request.trusted)
+        return _read(request.master, request)
     layers = request.master_layers
     if not layers:
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ def describe_run(
     output: Path,
     *,
     key: Key,
+    parameters: Mapping[str, Any] | None,
     layers: Sequence[Recipe],
     recipient: str | None,
     frames: str | None,
@@ -43,13 +44,16 @@ def describe_run(
     files : sequence of (str, str)
         Those of the source; see `meshmark.sources.digests.source_digests`. They are named
         relative to the folder of the output.
+    parameters : mapping or None
+        Of the source's reader, where some were given.
     """
     folder = output.parent.resolve()
-    source = Path(os.path.relpath(marked.original.source, folder)).as_posix()
+    path = Path(os.path.relpath(marked.original.source, folder)).as_posix()
+    source = {"path": path, "files": file_hashes(files, folder)}
     return {
         "format": FORMAT,
         "meshmark": __version__,
-        "source": {"path": source, "files": file_hashes(files, folder)},
+        "source": source | ({"parameters": dict(parameters)} if parameters else {}),
         "output": output.name,
         "delivered": deliver,
         "key_id": key.id,

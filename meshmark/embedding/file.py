@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -50,6 +50,7 @@ def mark_file(
     *,
     recipe: Recipe | Sequence[Recipe] | None = None,
     prims: Sequence[str] = (),
+    parameters: Mapping[str, Any] | None = None,
     frames: str | None = None,
     recipient: str | None = None,
     master: str | Path | None = None,
@@ -75,6 +76,8 @@ def mark_file(
         Schemes with their parameters, a layer each; `default_layers` where not given.
     prims : sequence of str
         Meshes to mark; all that can be where empty.
+    parameters : mapping, optional
+        Of the source's reader, as `meshmark.read` takes them; the manifest records them.
     frames : str, optional
         Range A:B[:S] of time codes to mark.
     recipient : str, optional
@@ -115,11 +118,13 @@ def mark_file(
     _require_sensible(deliver, frames, allow_unmarked, keep_metadata)
     target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
-    original = read(source, prims) if trusted else read_isolated(source, prims, textures=True)
+    original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
     write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
     keep = _keeper(master, original, target, layers)
-    others = unasked(read(source, isolated=not trusted), prims) if deliver and prims else ()
+    others: Sequence[LeftOut] = ()
+    if deliver and prims:
+        others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
     markable = _markable(original, deliver, allow_unmarked)
     files = source_digests(original)
     verify = partial(
@@ -149,6 +154,7 @@ def mark_file(
             files,
             target,
             key=key,
+            parameters=parameters,
             layers=layers,
             recipient=recipient,
             frames=frames,
@@ -166,6 +172,14 @@ def mark_file(
             document["output_files"] = output_hashes(target)
             write_json(document, manifest_path(target))
             return Manifest(document, manifest_path(target))
+
+
+def _original(
+    source: str | Path, prims: Sequence[str], parameters: Mapping[str, Any] | None, trusted: bool
+) -> Asset:
+    if trusted:
+        return read(source, prims, parameters=parameters)
+    return read_isolated(source, prims, parameters=parameters, textures=True)
 
 
 def _require_sensible(

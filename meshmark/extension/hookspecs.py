@@ -123,7 +123,10 @@ class AttackRecord(PluginRecord):
 
 @hookspec
 def meshmark_readers() -> Iterable[ReaderRecord]:  # type: ignore[empty-body]
-    """Offer readers of further kinds of files; the factory takes no parameters.
+    """Offer readers of further kinds of files.
+
+    The factory may take parameters of how a source is read. Those called `clip`, a text, and `fps`,
+    a number, get what `--clip` and `--fps` say; without these options they have their defaults.
 
     A reader's `read` gives an `Asset` whose frames are in world space, float64, read lazily
     where that helps. A source that cannot be read raises `InputError` naming file and frame.

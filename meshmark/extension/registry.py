@@ -226,9 +226,9 @@ def _reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
 
 
-def make_reader(name: str) -> Reader:
+def make_reader(name: str, /, **parameters: Any) -> Reader:
     """Make the reader of that name."""
-    return cast(Reader, catalogue().make("reader", name))
+    return cast(Reader, catalogue().make("reader", name, **parameters))
 
 
 def make_segmenter(name: str, /, **parameters: Any) -> Segmenter:

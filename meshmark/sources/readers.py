@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
+from typing import Any
 
 from meshmark.arrays import FloatArray
-from meshmark.errors import InputError
+from meshmark.errors import InputError, UsageError
 from meshmark.extension.interfaces import Reader, SourceReader
 from meshmark.extension.registry import catalogue, make_reader
 from meshmark.mesh.asset import Asset
@@ -24,9 +25,12 @@ class PluginReader:
     ----------
     reader : Reader
         As the plugin makes it.
+    name : str
+        What it is called.
     """
 
     reader: Reader
+    name: str = ""
 
     def accepts(self, source: str) -> bool:
         """Ask the reader."""
@@ -79,12 +83,27 @@ def reader_called(name: str) -> SourceReader:
     UsageError
         If there is none.
     """
-    return UsdReader() if name == READER else PluginReader(make_reader(name))
+    return UsdReader() if name == READER else PluginReader(make_reader(name), name)
 
 
-def open_source(source: str, prims: Sequence[str] = ()) -> Asset:
+def takes(source: str, parameters: Mapping[str, Any]) -> bool:
+    """Tell whether the reader of a source takes all of some parameters."""
+    reader = find_reader(source)
+    if not isinstance(reader, PluginReader):
+        return not parameters
+    return parameters.keys() <= catalogue().find("reader", reader.name).record.parameters.keys()
+
+
+def open_source(
+    source: str, prims: Sequence[str] = (), parameters: Mapping[str, Any] | None = None
+) -> Asset:
     """Read a source in this process; see `meshmark.read`."""
     reader = find_reader(source)
+    if reader is not None and parameters:
+        if not isinstance(reader, PluginReader) or not takes(source, parameters):
+            told = " or ".join(parameters)
+            raise UsageError(f"its reader takes no {told}", source=source)
+        reader = PluginReader(make_reader(reader.name, **parameters), reader.name)
     if reader is not None:
         return reader.read(source, prims)
     if not Path(source).exists():
@@ -98,7 +117,7 @@ def open_source(source: str, prims: Sequence[str] = ()) -> Asset:
 def _readers() -> Iterator[SourceReader]:
     yield UsdReader()
     for offer in catalogue().of_kind("reader"):
-        yield PluginReader(make_reader(offer.name))
+        yield PluginReader(make_reader(offer.name), offer.name)
 
 
 def files_named(source: str) -> list[Path]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from meshmark.files.reading import require_no_device
 from meshmark.mesh.asset import Asset
@@ -11,7 +12,13 @@ from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.readers import open_source
 
 
-def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = False) -> Asset:
+def read(
+    source: str | Path,
+    prims: Sequence[str] = (),
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    isolated: bool = False,
+) -> Asset:
     """Read every mesh of a USD file, a folder or glob of OBJ frames, or a glTF file.
 
     Parameters
@@ -20,6 +27,8 @@ def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = Fals
         What to read.
     prims : sequence of str
         Paths of the meshes wanted; all where empty.
+    parameters : mapping, optional
+        Of the reader: of glTF, `clip`, the name of an animation, and `fps`.
     isolated : bool
         For files nobody vouches for: all is read now, in a process of its own with limits on
         memory and time; see `meshmark.sources.isolation.reading`.
@@ -34,8 +43,10 @@ def read(source: str | Path, prims: Sequence[str] = (), *, isolated: bool = Fals
     InputError
         If the source is missing, unreadable or holds no mesh.
     UsageError
-        If a wanted mesh is not in it.
+        If a wanted mesh or clip is not in it, or its reader takes no such parameter.
     """
     name = str(source)
     require_no_device(Path(name))
-    return read_isolated(name, prims) if isolated else open_source(name, prims)
+    if isolated:
+        return read_isolated(name, prims, parameters=parameters)
+    return open_source(name, prims, parameters)

@@ -273,7 +273,8 @@ def left_behind(tmp_path_factory) -> Path:
     """Return what the reading process leaves of a moving cube."""
     folder = tmp_path_factory.mktemp("left")
     source = write_text(folder / "moving.usda", cube("m", points=sampled(MOVING)))
-    command = [sys.executable, "-P", "-m", reading.PROGRAM, str(folder), source, reading.WITHOUT]
+    asked = [str(folder), source, reading.WITHOUT, "{}"]
+    command = [sys.executable, "-P", "-m", reading.PROGRAM, *asked]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return folder
 

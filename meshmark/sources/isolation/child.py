@@ -1,4 +1,4 @@
-"""The process that reads, run with `python -P -m`: FOLDER SOURCE TEXTURES PRIM..."""
+"""The process that reads, run with `python -P -m`: FOLDER SOURCE TEXTURES PARAMETERS PRIM..."""
 
 from __future__ import annotations
 
@@ -74,9 +74,11 @@ class Child:
             return {"bug": f"{type(error).__name__}: {error}", "traceback": where}
 
 
-def _read(child: Child, prims: list[str], textures: bool) -> dict[str, Any]:
+def _read(
+    child: Child, prims: list[str], parameters: dict[str, Any], textures: bool
+) -> dict[str, Any]:
     before = _digests(child)
-    asset = open_source(child.source, prims)
+    asset = open_source(child.source, prims, parameters)
     child.beat()
     try:
         with (child.folder / ARRAYS).open("wb") as file:
@@ -107,9 +109,9 @@ def _too_much(child: Child, error: OSError) -> MeshmarkError:
 
 def main() -> None:
     """Read what the command line says."""
-    folder, source, textures, *prims = sys.argv[1:]
+    folder, source, textures, parameters, *prims = sys.argv[1:]
     child = Child(Path(folder), source)
-    child.run(lambda: _read(child, prims, textures == WITH_TEXTURES))
+    child.run(lambda: _read(child, prims, json.loads(parameters), textures == WITH_TEXTURES))
 
 
 if __name__ == "__main__":

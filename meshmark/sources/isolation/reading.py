@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,11 @@ NONSENSE = (AttributeError, LookupError, TypeError, ValueError, OverflowError, R
 
 
 def read_isolated(
-    source: str | Path, prims: Sequence[str] = (), *, textures: bool = False
+    source: str | Path,
+    prims: Sequence[str] = (),
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    textures: bool = False,
 ) -> Asset:
     """Read a source as `meshmark.read` does, in a process of its own that is given limits.
 
@@ -49,7 +53,7 @@ def read_isolated(
 
     Parameters
     ----------
-    source, prims
+    source, prims, parameters
         As `meshmark.read` takes them.
     textures : bool
         Read texture coordinates, too.
@@ -69,7 +73,8 @@ def read_isolated(
         If a wanted mesh is not in it, or a limit makes no sense.
     """
     asked = WITH_TEXTURES if textures else WITHOUT
-    with isolated(PROGRAM, str(source), asked, *prims) as (report, folder):
+    given = json.dumps(dict(parameters or {}))
+    with isolated(PROGRAM, str(source), asked, given, *prims) as (report, folder):
         return asset_from(report, str(source), folder.path / ARRAYS, folder)
 
 

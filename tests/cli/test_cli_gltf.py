@@ -1,0 +1,127 @@
+"""Commands on a glTF file: what a user marks, attacks and verifies, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import jsonschema
+import numpy as np
+import pytest
+
+from gltf_files import ball
+from meshmark.cli import main
+from meshmark.keys import Key
+from meshmark.sources.reading import read
+from meshmark.testing.schemas import schema_folder
+from usd_stages import cube, write_text
+
+SCHEMA = json.loads((schema_folder("json") / "manifest.schema.json").read_text("utf-8"))
+TURN = [[0, 0, 0, 1], [0, np.sin(0.5), 0, np.cos(0.5)]]
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder with a key and a ball of two clips in it."""
+    monkeypatch.chdir(tmp_path)
+    Key(bytes(range(32))).save(tmp_path / "k")
+    made = ball(3)
+    made.json["animations"][0]["name"] = "Bend"
+    made.json["animations"].append({"channels": [], "samplers": [], "name": "Turn"})
+    made.animate(0, "rotation", [0, 0.25], TURN)
+    made.save(tmp_path / "ball.glb")
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        told = capsys.readouterr()
+        return code, told.out, told.err
+
+    return call
+
+
+MARK = ["--key", "k", "--scheme", "relief"]
+
+
+def test_a_clip_is_marked_and_found_beside_the_original(run, tmp_path):
+    chosen = ["--clip", "Turn", "--fps", 8]
+    code, out, _ = run("embed", "ball.glb", "-o", "out.usdc", *MARK, *chosen, "--json")
+    document = json.loads(out)
+    assert code == 0
+    jsonschema.validate(document, SCHEMA)
+    assert document["source"]["parameters"] == {"clip": "Turn", "fps": 8.0}
+    [marked] = read("out.usdc").meshes
+    np.testing.assert_array_equal(marked.times, [0, 1, 2])
+    assert marked.prim == "/root/ball"
+    [plain] = read("ball.glb", parameters={"clip": "Turn", "fps": 8.0}).meshes
+    for one, two in zip(marked, plain, strict=True):
+        assert 0 < np.abs(one.points - two.points).max() < 0.05
+    beside = ["--original", "ball.glb", *chosen]
+    code, _, told = run("verify", "out.usdc", *MARK, *beside)
+    assert code == 0
+    assert "out.usdc: marked" in told
+    Key(bytes(32)).save(tmp_path / "other")
+    code, _, told = run("verify", "out.usdc", *beside, "--key", "other", "--scheme", "relief")
+    assert code == 1
+    assert "out.usdc: not marked" in told
+    # The source itself holds no mark.
+    code, _, told = run("verify", "ball.glb", *MARK, *beside)
+    assert code == 1
+    assert "ball.glb: not marked" in told
+
+
+def test_inspect_tells_of_clips_and_frames(run):
+    code, out, _ = run("inspect", "ball.glb", "--scheme", "relief")
+    assert code == 0
+    assert "note: clip 'Bend' is read; there is also 'Turn'" in out
+    assert "/root/ball: 17 frames, 642 points, 1280 faces" in out
+    code, out, _ = run("inspect", "ball.glb", "--scheme", "relief", "--clip", "Turn", "--json")
+    assert json.loads(out)["fps"] == 24
+    assert json.loads(out)["prims"][0]["frames"] == 7
+
+
+def test_an_attacked_clip_is_written_as_a_stage(run):
+    code, _, _ = run(
+        "attack", "noise", "ball.glb", "-o", "x.usdc", "-p", "amplitude=0.001", "--clip", "Turn"
+    )
+    assert code == 0
+    asset = read("x.usdc")
+    assert (asset.up_axis, asset.meters_per_unit, asset.fps) == ("Y", 1.0, 24.0)
+    assert len(asset.meshes[0]) == 7
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        (
+            ("embed", "ball.glb", "-o", "x.glb", *MARK),
+            "the gltf reader cannot write to 'x.glb'; .usd, .usda, .usdc always can be",
+        ),
+        (("attack", "noise", "ball.glb", "-o", "x.glb"), "an attack's result is one of"),
+        (
+            ("inspect", "ball.glb", "--clip", "Crawl"),
+            "ball.glb: no clip 'Crawl'; there is 'Bend', 'Turn'",
+        ),
+        (("inspect", "ball.glb", "--fps", "-1"), "--fps must be positive, not -1"),
+        (("inspect", "ball.glb", "--fps", "1e9"), "fps must lie between 0 and 1000"),
+        (("inspect", "cube.usda", "--clip", "Turn"), "cube.usda: its reader takes no clip"),
+        (("verify", "cube.usda", "--clip", "Turn", "--key", "k"), "are for glTF files"),
+        (
+            ("verify", "ball.glb", "--clip", "Turn", "--key", "k", "--evidence", "e"),
+            "--evidence keeps that of the first clip",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(run, tmp_path, arguments, wanted):
+    write_text(tmp_path / "cube.usda", cube("m"))
+    before = set(tmp_path.iterdir())
+    code, out, told = run(*arguments)
+    assert code == 2
+    assert out == ""
+    assert wanted in told
+    assert told.count("\n") == 1
+    assert set(tmp_path.iterdir()) == before
