@@ -104,3 +104,12 @@ def read_one(source: str) -> MeshAnimation:
     """Read a source that holds one mesh."""
     (mesh,) = read_stage(source).meshes
     return mesh
+
+
+def nested_references(levels: int) -> str:
+    """Spell a stage of 2^levels meshes in a few hundred bytes."""
+    body = f'def "L0" {{{cube("m")}}}\n'
+    for level in range(levels):
+        twice = "".join(f"def {name} (references=</L{level}>) {{}}\n" for name in ('"a"', '"b"'))
+        body += f'def "L{level + 1}" {{\n{twice}}}\n'
+    return body

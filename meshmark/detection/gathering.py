@@ -124,7 +124,11 @@ class Survey:
         # Groups of frames that agree with each other may lie outside the range.
         self._candidates = [each for each in wanted if has_frame_in(each.animation, frames)]
         self._frames, self._jobs, self._progress = frames, jobs, progress
-        self._known = (*whole.notes, *(f"{each.prim}: {each.reason}" for each in left_out))
+        self._known = (
+            *whole.notes,
+            *(f"{each.prim}: {each.reason}" for each in left_out),
+            *(f"passed over: {mesh.prim}: {mesh.flaw}" for mesh in within.meshes if mesh.flaw),
+        )
         self._notes: dict[str, list[str]] = {}
         self._unreadable: dict[str, InputError] = {}
         self._reasons: dict[int, CapacityError] = {}

@@ -18,6 +18,8 @@ _RULE = re.compile(r"(?<=parse error) matching .*(?= at ')")
 _UNOPENED = re.compile(r"(?:[Cc]ould not|[Uu]nable to|[Ff]ailed to) (?:open|load) [^@]*@([^@]*)@")
 # Said after the error that has the reason.
 _EMPTY_TALK = "Failed to open layer"
+# What a value of a type of usd-core's own ends in, which damaged binary layers can hold.
+_NO_SUCH_TYPE = "No to_python"
 
 
 @contextmanager
@@ -49,6 +51,15 @@ def caught(
         text = _one_line(_decoded(error))
         raise InputError(
             f"not readable as USD: text that is not UTF-8: {text[:40]!r}",
+            source=source,
+            prim=prim,
+            time=time,
+        ) from None
+    except TypeError as error:
+        if not str(error).startswith(_NO_SUCH_TYPE):
+            raise
+        raise InputError(
+            "not readable as USD: a value is of a type that no attribute has",
             source=source,
             prim=prim,
             time=time,

@@ -222,6 +222,12 @@ def test_a_dry_run_writes_nothing(run, studio) -> None:
     assert sorted(studio.iterdir()) == before
 
 
+def test_capital_suffixes_are_suffixes_on_the_command_line(run, tmp_path) -> None:
+    embed = ("embed", "creature.usdc", "--key", "k", "--scheme", "relief", "--frames", "1:1")
+    assert run(*embed, "-o", tmp_path / "OUT.USDA")[0] == 0
+    assert (tmp_path / "OUT.USDA").read_text().startswith("#usda")
+
+
 def test_two_runs_are_byte_equal(run, studio, seven, tmp_path) -> None:
     embed = ("embed", "creature.usdc", *ALONE, "--frames", "1:1", "--recipient", "studio 7")
     written = {path: path.read_bytes() for path in studio.glob("seven.usdc*")}

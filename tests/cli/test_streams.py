@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from folders import FAULTS
+
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 
 COMMANDS = {
@@ -41,6 +43,18 @@ def test_a_reader_that_has_gone_is_told_as_a_shell_does(tmp_path, name) -> None:
     done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, check=False, timeout=60)
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_a_verdict_that_nobody_reads_has_no_verdicts_exit_code() -> None:
+    source, key = FAULTS / "two-recipients/two_meshes.usdc", FAULTS / "test.key"
+    verify = f"{MESHMARK} verify {source} --key {key} --scheme cho2007 --json"
+    assert shell(f"{verify} > /dev/null", FAULTS)[0] == 1
+    full, said = shell(f"{verify} > /dev/full", FAULTS)
+    assert full == 3
+    assert said.endswith("error: stdout: cannot be written: No space left on device\n")
+    gone, said = shell(f"{verify} | true; exit ${{PIPESTATUS[0]}}", FAULTS)
+    assert gone == 141
+    assert "Traceback" not in said
 
 
 @pytest.mark.slow

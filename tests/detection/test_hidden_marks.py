@@ -162,6 +162,14 @@ def test_what_is_cut_apart_is_sewn_together(key, marked, n, gap, as_prims) -> No
         assert len(verdict.prims[0].also) == n - 1
 
 
+def test_a_face_that_cannot_be_used_is_named_and_passed_over(key) -> None:
+    copy = meshmark.read(FAULTS / "bad-sample/index_out_of_range.usdc")
+    verdict = meshmark.verify(copy, key, recipients=["acme"])
+    assert (verdict.verdict, verdict.recipient) == ("marked", "acme")
+    [note] = verdict.notes
+    assert note.startswith("passed over: /World/body: 1 of 16844 faces cannot be used")
+
+
 def test_frames_that_cannot_be_read_are_named_and_passed_over(key, marked) -> None:
     V, F = marked
     points = np.repeat(V[None], 4, axis=0)

@@ -15,6 +15,7 @@ import pytest
 from meshmark.files.atomic import beside
 from meshmark.files.temporary import LOCK, ScratchFolder, TemporaryFolder, shared_folder
 from meshmark.workers.scratch import ScratchFile
+from usd_stages import nested_references, write_text
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks and kills")
 
@@ -133,9 +134,8 @@ def test_one_folder_serves_all_and_goes_with_the_last(place) -> None:
 
 def test_a_command_that_was_killed_leaves_nothing_for_good(tmp_path, place) -> None:
     environment = {**os.environ, "TMPDIR": str(place)}
-    (tmp_path / "a.usda").write_text(
-        "#usda 1.0\n(\n timeCodesPerSecond = 0\n subLayers = [@./b.usda@]\n)\n"
-    )
+    # Nobody reads this to its end.
+    write_text(tmp_path / "a.usda", nested_references(24))
     (tmp_path / "b.usda").write_text(
         '#usda 1.0\n(\n timeCodesPerSecond = 24\n)\ndef Mesh "m" {\n'
         " point3f[] points.timeSamples = {1: [(0,0,0), (1,0,0), (0,1,0)]}\n"
@@ -146,6 +146,7 @@ def test_a_command_that_was_killed_leaves_nothing_for_good(tmp_path, place) -> N
     end = time.monotonic() + 60.0
     while not list(place.glob("meshmark-*/*/stderr")) and time.monotonic() < end:
         time.sleep(0.05)
+    assert process.poll() is None
     kill(process)
     assert list(place.iterdir())
     done = subprocess.run([*command, "b.usda"], cwd=tmp_path, env=environment, check=False)

@@ -29,7 +29,7 @@ from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.testing.meshes import icosphere
-from usd_stages import CUBE_POINTS, cube, sampled, write_text
+from usd_stages import CUBE_POINTS, cube, nested_references, sampled, write_text
 
 CRASHING = FAULTS / "crate-crash" / "usdc.1.205.usdc"
 SEED = 7
@@ -66,15 +66,6 @@ def rogue(tmp_path, monkeypatch):
         return path
 
     return make
-
-
-def nested_references(levels: int) -> str:
-    """Spell a stage of 2^levels meshes in a few hundred bytes."""
-    body = f'def "L0" {{{cube("m")}}}\n'
-    for level in range(levels):
-        twice = "".join(f"def {name} (references=</L{level}>) {{}}\n" for name in ('"a"', '"b"'))
-        body += f'def "L{level + 1}" {{\n{twice}}}\n'
-    return body
 
 
 def textured(folder: Path) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from pxr import Sdf
 
+from folders import FAULTS
 from meshmark.errors import InputError, UsageError
 from meshmark.mesh.checks import check
+from meshmark.usd.checking import check_stage
 from meshmark.usd.reading import read_stage
 from usd_stages import CUBE_POINTS, array, cube, read_one, sampled, write_text
 
@@ -171,3 +173,11 @@ def test_times_that_need_no_conversion(tmp_path: Path, rate: str) -> None:
     moving = cube("m", points=sampled({1: CUBE_POINTS, 2: CUBE_POINTS + 1}))
     source = write_text(tmp_path / "body.usda", moving, f"timeCodesPerSecond = {rate}")
     assert read_one(source).times.tolist() == [1.0, 2.0]
+
+
+def test_a_value_of_a_type_that_no_attribute_has_is_refused() -> None:
+    """A damaged binary layer: in Python, usd-core hands such a value to nobody."""
+    source = str(FAULTS / "odd-values/no_such_type.usdc")
+    with pytest.raises(InputError, match="a value is of a type that no attribute has") as caught:
+        check_stage(source, ())
+    assert str(caught.value).startswith(f"{source}: ")
