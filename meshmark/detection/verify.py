@@ -15,7 +15,7 @@ from meshmark.detection.gathering import AssetEvidence, Survey
 from meshmark.detection.informed import gather_informed
 from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
 from meshmark.detection.verdict import TRIPLE, Verdict, jointly, together, without_weight
-from meshmark.errors import UsageError
+from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -209,7 +209,12 @@ def verify_informed(
     first = judged(None, 1 / 2)
     if not first.prims or first.log10_p + TRIPLE <= np.log10(fpr):
         return first
-    return together(first, judged(master(), 1 / 2))
+    try:
+        made = master()
+    except CapacityError:
+        # No mesh can hold a blind layer: nothing lies between original and copy.
+        return first
+    return together(first, judged(made, 1 / 2))
 
 
 def _as_asset(asset: Asset | MeshAnimation) -> Asset:

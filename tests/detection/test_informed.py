@@ -12,7 +12,7 @@ from meshmark.detection.decision import decide
 from meshmark.detection.informed import gather_informed
 from meshmark.detection.significance import judge
 from meshmark.embedding.asset import embed
-from meshmark.errors import UsageError
+from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -110,6 +110,22 @@ def test_a_master_must_be_made_from_the_original(copy) -> None:
     with pytest.raises(UsageError, match="the master has no mesh of the original"):
         gather_informed(copy, original, RELIEF, master=elsewhere)
     assert gather_informed(copy, original, RELIEF, master=original).items
+
+
+def test_an_original_without_a_master_is_enough() -> None:
+    ball = as_asset(mesh(icosphere(3)))
+    copy = embed(ball, KEY, recipe=RELIEF).asset
+
+    def no_master() -> Asset:
+        # What `embed` says of a mesh without tips.
+        return embed(ball, OTHER, recipe=[Recipe("apex")]).asset
+
+    with pytest.raises(CapacityError):
+        no_master()
+    for key, wanted in ((KEY, "marked"), (OTHER, "not marked")):
+        found = verify(copy, key, recipes=RELIEF, original=ball, master=no_master)
+        assert found.verdict == wanted
+        assert (found.recipient, found.notes) == (None, ())
 
 
 def test_a_copy_is_compared_with_the_master_where_there_is_one(copy) -> None:
