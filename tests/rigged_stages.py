@@ -102,7 +102,18 @@ class Rigged:
 
     def add_tube(self, path: str = "/man/arm", *, inherited: bool = False) -> UsdGeom.Mesh:
         """Add a tube, bound to the skeleton by itself or through the SkelRoot."""
-        points, counts, corners = tube()
+        return self.add(path, *tube(), inherited=inherited)
+
+    def add(
+        self,
+        path: str,
+        points: FloatArray,
+        counts: Sequence[int],
+        corners: Sequence[int],
+        *,
+        inherited: bool = False,
+    ) -> UsdGeom.Mesh:
+        """Add a mesh that bends at the elbow."""
         mesh = UsdGeom.Mesh.Define(self.stage, path)
         mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
         mesh.CreateFaceVertexCountsAttr(counts)

@@ -25,6 +25,7 @@ from meshmark.cli.options import (
     reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
+from meshmark.usd.names import BAKE
 
 NOT_ALL_MARKED = 1
 
@@ -83,6 +84,14 @@ def embed(
         bool,
         typer.Option("--keep-metadata", help="Deliver comments, authors and file paths too."),
     ] = False,
+    skel: Annotated[
+        str,
+        typer.Option(
+            metavar="bake|rest",
+            help="What becomes of rigged meshes: write posed points without a rig, or keep the rig "
+            "and mark its rest pose.",
+        ),
+    ] = BAKE,
     every: Annotated[
         bool,
         typer.Option("--all", help="Print every message, not only the first few of each kind."),
@@ -114,6 +123,7 @@ def embed(
             deliver=deliver,
             allow_unmarked=allow_unmarked,
             keep_metadata=keep_metadata,
+            skel=skel,
             dry_run=dry_run,
             trusted=trusted,
             jobs=default_jobs(),

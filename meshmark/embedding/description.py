@@ -13,6 +13,7 @@ from meshmark.embedding.manifest import FORMAT
 from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number
 from meshmark.keys import Key
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.metrics import distortion
 from meshmark.sources.digests import file_hashes
@@ -34,6 +35,7 @@ def describe_run(
     recipient: str | None,
     frames: str | None,
     deliver: bool,
+    skel: str,
 ) -> dict[str, Any]:
     """Tell what is marked, as whose copy and how.
 
@@ -56,6 +58,7 @@ def describe_run(
         "source": source | ({"parameters": dict(parameters)} if parameters else {}),
         "output": output.name,
         "delivered": deliver,
+        "skel": skel,
         "key_id": key.id,
         "recipient": recipient,
         "frames": frames,
@@ -64,13 +67,17 @@ def describe_run(
     }
 
 
-def describe_marks(marked: MarkedAsset, verdict: Verdict, *, jobs: int) -> dict[str, Any]:
+def describe_marks(
+    marked: MarkedAsset, written: Asset, verdict: Verdict, *, jobs: int
+) -> dict[str, Any]:
     """Tell of each marked mesh how far it was moved, and what verification says of it.
 
     Parameters
     ----------
     marked : MarkedAsset
         As it was marked; its original as it was read.
+    written : Asset
+        The marked meshes as they were written, in the same order.
     verdict : Verdict
         On what was written, at `TARGET_FPR`.
     jobs : int
@@ -79,8 +86,8 @@ def describe_marks(marked: MarkedAsset, verdict: Verdict, *, jobs: int) -> dict[
     verdicts = {prim.prim: prim for prim in verdict.prims}
     return {
         "prims": [
-            _mesh(marked.original, mesh, verdicts.get(mesh.animation.prim), jobs)
-            for mesh in marked.meshes
+            _mesh(marked.original, mesh, shown, verdicts.get(mesh.animation.prim), jobs)
+            for mesh, shown in zip(marked.meshes, written.meshes, strict=True)
         ],
         "verification": {
             "verdict": verdict.verdict,
@@ -90,12 +97,12 @@ def describe_marks(marked: MarkedAsset, verdict: Verdict, *, jobs: int) -> dict[
     }
 
 
-def _mesh(asset: Asset, mesh: MarkedMesh, verdict: PrimVerdict | None, jobs: int) -> dict[str, Any]:
+def _mesh(
+    asset: Asset, mesh: MarkedMesh, shown: MeshAnimation, verdict: PrimVerdict | None, jobs: int
+) -> dict[str, Any]:
     first, chosen = mesh.original[0], mesh.frames
     uv = texture_coordinates(asset, mesh.original.prim)
-    found = distortion(
-        mesh.original.select(chosen), mesh.animation.select(chosen), uv=uv, jobs=jobs
-    )
+    found = distortion(mesh.original.select(chosen), shown.select(chosen), uv=uv, jobs=jobs)
     told = None if verdict is None else verdict.as_json()
     kept = ("verdict", "log10_p", "chips", "ber")
     return {

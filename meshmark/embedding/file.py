@@ -35,6 +35,7 @@ from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
+from meshmark.usd.names import BAKE, REST_POSE
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
 
@@ -57,6 +58,7 @@ def mark_file(
     deliver: bool = False,
     allow_unmarked: Sequence[str] = (),
     keep_metadata: bool = False,
+    skel: str = BAKE,
     dry_run: bool = False,
     trusted: bool = True,
     jobs: int = 1,
@@ -93,6 +95,10 @@ def mark_file(
         those that can hold no mark are more than a tenth.
     keep_metadata : bool
         Deliver comments, authors, paths and whatever else tells of the source's origin, too.
+    skel : {"bake", "rest"}
+        What becomes of rigged meshes of a stage: their posed, marked points are written and their
+        rigs taken off; or the rig stays, and its rest pose becomes the one that it poses like the
+        marked points, as nearly as it can.
     dry_run : bool
         Do everything but write.
     trusted : bool
@@ -115,13 +121,13 @@ def mark_file(
         Nothing is written then, unless it is what was written that cannot be verified, or its
         source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
-    _require_sensible(deliver, frames, allow_unmarked, keep_metadata)
+    _require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel)
     target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
     original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
-    write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata)
-    keep = _keeper(master, original, target, layers)
+    write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata, skel=skel)
+    keep = _keeper(master, original, target, layers, skel)
     others: Sequence[LeftOut] = ()
     if deliver and prims:
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
@@ -159,12 +165,13 @@ def mark_file(
             recipient=recipient,
             frames=frames,
             deliver=deliver,
+            skel=skel,
         )
         document["skipped"] = _skipped(marked, markable, others, deliver)
         require_unchanged(files)
         if dry_run:
             verdict = verify(marked.asset, marked)
-            return Manifest(document | describe_marks(marked, verdict, jobs=jobs))
+            return Manifest(document | describe_marks(marked, marked.asset, verdict, jobs=jobs))
         with announced(document, target):
             document |= _written(marked, target, write, partial(verify, marked=marked), jobs)
             keep(marked.master)
@@ -183,8 +190,16 @@ def _original(
 
 
 def _require_sensible(
-    deliver: bool, frames: str | None, allow_unmarked: Sequence[str], keep_metadata: bool
+    deliver: bool,
+    frames: str | None,
+    allow_unmarked: Sequence[str],
+    keep_metadata: bool,
+    skel: str,
 ) -> None:
+    if skel not in (BAKE, REST_POSE):
+        raise UsageError(f"--skel {skel}: it must be {BAKE} or {REST_POSE}")
+    if skel == REST_POSE and frames is not None:
+        raise UsageError("--skel rest with --frames: a rest pose shows in every frame")
     if deliver and frames is not None:
         raise UsageError("--deliver with --frames would deliver the other frames unmarked")
     if allow_unmarked and not deliver:
@@ -223,11 +238,15 @@ def _written(
     delivery = write(marked.asset)
     told = {} if delivery is None else {"delivery": delivery.as_json()}
     written = read_back(marked.original, target, [mesh.original.prim for mesh in marked.meshes])
-    return told | describe_marks(marked, verified(written), jobs=jobs)
+    return told | describe_marks(marked, written, verified(written), jobs=jobs)
 
 
 def _keeper(
-    master: str | Path | None, original: Asset, target: Path, layers: Sequence[Recipe]
+    master: str | Path | None,
+    original: Asset,
+    target: Path,
+    layers: Sequence[Recipe],
+    skel: str,
 ) -> Callable[[Asset], object]:
     """Return what writes the master, or does nothing if none is asked for.
 
@@ -244,7 +263,7 @@ def _keeper(
     if path.resolve() == target.resolve():
         raise UsageError("the master is the output", source=path)
     check_output(path, original, deliver=False)
-    return writer(original, path)
+    return writer(original, path, skel=skel)
 
 
 def _verify(

@@ -12,7 +12,7 @@ from meshmark.errors import UsageError
 from meshmark.extension.interfaces import SourceReader
 from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import open_source, reader_called
-from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark.usd.names import BAKE, LAYER_SUFFIXES
 from meshmark.usd.reader import UsdReader
 
 if TYPE_CHECKING:
@@ -45,7 +45,12 @@ def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool =
 
 
 def writer(
-    original: Asset, output: str | Path, *, deliver: bool = False, keep_metadata: bool = False
+    original: Asset,
+    output: str | Path,
+    *,
+    deliver: bool = False,
+    keep_metadata: bool = False,
+    skel: str = BAKE,
 ) -> Callable[[Asset], Delivery | None]:
     """Return what `write` would call with the marked asset, so that a bad output is known early.
 
@@ -56,8 +61,12 @@ def writer(
     """
     path, usd = Path(output), UsdReader()
     if deliver and usd.writes(path):
-        return partial(usd.deliver, original=original, output=path, keep_metadata=keep_metadata)
-    reader = _writing_reader(original, path)
+        return partial(
+            usd.deliver, original=original, output=path, keep_metadata=keep_metadata, skel=skel
+        )
+    if usd.writes(path):
+        return partial(usd.write, original=original, output=path, skel=skel)
+    reader = reader_called(original.reader)
     if not reader.writes(path):
         raise UsageError(
             f"the {original.reader} reader cannot write to {str(output)!r}; "

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
@@ -14,7 +14,7 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.precision import stored
 from meshmark.usd.baking import bake_normals, unbind
 from meshmark.usd.frames import blamed
-from meshmark.usd.geometry import local_to_world, transformed, turned
+from meshmark.usd.geometry import REST, local_to_world, transformed, turned
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent
 from meshmark.usd.points import MeshPoints
 from meshmark.usd.rest_pose import RestMoves
@@ -47,46 +47,89 @@ def author_marked_points(
     OutputError
         If a marked point is not finite, or beyond what the prim's type holds.
     """
+    path, rig = str(points.prim.GetPath()), points.rig
+    over = Sdf.CreatePrimInLayer(target.layer, path)
+    with blamed(marked.origin, path):
+        kind = POINT_TYPES[points.local(points.times()[0]).dtype.type]
+        # The default of a rig that stands still is its only pose.
+        posed = rig is not None and rig.times.size > 0
+        rest = RestMoves(points) if posed and points.has_rest_pose else None
+    points_spec = Sdf.AttributeSpec(over, "points", kind)
+    extent_spec = Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array)
+    if rig is not None:
+        unbind(over, points.prim)
+    for time, original, new in marked_frames(points, marked):
+        target.set_vectors(points_spec, time, new)
+        target.set_vectors(extent_spec, time, extent(new))
+        if rig is not None:
+            bake_normals(target, over, rig, time)
+        if rest is not None:
+            rest.add(time, new - original)
+        if witness is not None:
+            witness(time, original, new)
+    if rest is not None:
+        target.set_vectors(points_spec, np.nan, rest.marked())
+        if witness is not None:
+            witness(REST, rest.points, rest.marked())
+
+
+def author_marked_rest(
+    target: StreamedLayer, points: MeshPoints, marked: MeshAnimation, witness: Witness | None = None
+) -> None:
+    """Give a rigged prim the rest pose that its rig poses like the marked points; the rig stays.
+
+    The pose is as near as one can be that fits all marked frames; see `RestMoves`.
+
+    Raises
+    ------
+    UsageError
+        If the rest pose is animated; or as `author_marked_points`.
+    OutputError
+        If a point is not finite, or beyond what the prim's type holds.
+    """
+    path = str(points.prim.GetPath())
+    if not points.has_rest_pose:
+        raise UsageError(
+            "its rest pose is animated, and one mark fits one pose only: bake it instead",
+            source=marked.origin,
+            prim=path,
+        )
+    rest = RestMoves(points)
+    for time, original, new in marked_frames(points, marked):
+        rest.add(time, new - original)
+        if witness is not None and np.isfinite(time):
+            witness(time, original, new)
+    over = Sdf.CreatePrimInLayer(target.layer, path)
+    spec = Sdf.AttributeSpec(over, "points", POINT_TYPES[rest.points.dtype.type])
+    target.set_vectors(spec, np.nan, rest.marked())
+    # A default would hide the extents of poses, where there are any.
+    if not UsdGeom.Mesh(points.prim).GetExtentAttr().GetNumTimeSamples():
+        spec = Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array)
+        target.set_vectors(spec, np.nan, extent(rest.marked()))
+    if witness is not None:
+        witness(REST, rest.points, rest.marked())
+
+
+def marked_frames(
+    points: MeshPoints, marked: MeshAnimation
+) -> Iterator[tuple[float, LocalPoints, LocalPoints]]:
+    """Yield each time of the source, and points before and after marking, in the prim's space."""
     path = str(points.prim.GetPath())
     with blamed(marked.origin, path):
         pairs = _matched(points, marked)
-        over = Sdf.CreatePrimInLayer(target.layer, path)
-        points_spec, extent_spec = _specs(over, points.local(pairs[0][0]))
-        rest = RestMoves(points) if points.has_rest_pose else None
-        if points.rig is not None:
-            unbind(over, points.prim)
     for time, index in pairs:
         with blamed(marked.origin, path, time):
             original = points.local(time)
             new = original
             if index is not None:
                 new = _moved(points.prim, time, original, marked[index].points)
-            if rest is not None:
-                rest.add(time, new - original)
-        target.set_vectors(points_spec, time, new)
-        target.set_vectors(extent_spec, time, extent(new))
-        if points.rig is not None:
-            bake_normals(target, over, points.rig, time)
-        if witness is not None:
-            witness(time, original, new)
-    if rest is not None:
-        new = stored(rest.points + rest.moves(), rest.points.dtype)
-        target.set_vectors(points_spec, np.nan, new)
-        if witness is not None:
-            witness(np.nan, rest.points, new)
+        yield time, original, new
 
 
 def unmarked_times(points: MeshPoints, marked: MeshAnimation) -> FloatArray:
     """List the times at which the source has points and the marked animation has none."""
     times = points.times()
     return times[~np.isin(_keys(times), _keys(marked.times))]
-
-
-def _specs(over: Sdf.PrimSpec, like: LocalPoints) -> tuple[Sdf.AttributeSpec, Sdf.AttributeSpec]:
-    return (
-        Sdf.AttributeSpec(over, "points", POINT_TYPES[like.dtype.type]),
-        Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array),
-    )
 
 
 def _matched(points: MeshPoints, marked: MeshAnimation) -> list[tuple[float, int | None]]:

@@ -13,12 +13,13 @@ from pxr import Ar, Sdf, UsdUtils
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError, OutputError
 from meshmark.usd.diagnostics import caught
+from meshmark.usd.geometry import REST
 from meshmark.usd.metadata import strip_metadata
 from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import StagePoints
 from meshmark.usd.prims import mesh_prims
-from meshmark.usd.traces import Copy, Traces, marked_points
+from meshmark.usd.traces import Copy, Traces
 
 NAMES_LAYER = "it depends on this layer, or names it"
 # What rounding leaves may be this much more than is expected of it.
@@ -106,7 +107,7 @@ def require_no_traces(file: Path, traces: Traces, output: Path) -> None:
     own = {f"{prim}.points" for prim in traces.shapes}
 
     def unmarked(copy: Copy, rounding: float) -> bool:
-        points = marked_points(layer, copy.prim, copy.match.time)
+        points = traces.marked(layer, copy.prim, copy.match.time)
         residual = _residual(copy, points)
         return residual > rounding and copy.match.residual < residual
 
@@ -128,7 +129,7 @@ def _own_traces(points: StagePoints, beat: Callable[[], None]) -> Traces:
     for prim in mesh_prims(points.stage):
         path, mesh = str(prim.GetPath()), points.of(prim)
         try:
-            for time in [*mesh.times().tolist(), *([np.nan] if mesh.has_rest_pose else [])]:
+            for time in [*mesh.times().tolist(), *[REST] * mesh.has_rest_pose]:
                 beat()
                 traces.add(path, time, mesh.local(time))
         except (InputError, ValueError):

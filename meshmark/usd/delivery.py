@@ -13,17 +13,18 @@ from meshmark.files.places import assets_folder
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.usd.asset_paths import anchor_asset_paths
-from meshmark.usd.authoring import author_marked_points, unmarked_times
+from meshmark.usd.authoring import unmarked_times
 from meshmark.usd.checking import require_no_traces
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.flattening import flattened, make_instances_editable
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
+from meshmark.usd.names import BAKE
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.traces import Moved, Traces, replace_traces
-from meshmark.usd.writing import require_prim
+from meshmark.usd.writing import author_marked, require_prim
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,12 @@ class Delivery:
 
 
 def write_flattened(
-    original: Asset, marked: Asset, output: Path, *, keep_metadata: bool = False
+    original: Asset,
+    marked: Asset,
+    output: Path,
+    *,
+    keep_metadata: bool = False,
+    skel: str = BAKE,
 ) -> Delivery:
     """Write the original's stage as one self-contained file with the points of the marked meshes.
 
@@ -84,6 +90,8 @@ def write_flattened(
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
     keep_metadata : bool
         Keep comments, authors, paths and whatever else tells where the stage comes from.
+    skel : {"bake", "rest"}
+        What becomes of rigged meshes; see `write_override`.
 
     Returns
     -------
@@ -107,7 +115,7 @@ def write_flattened(
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
             lay_over(target.layer, opened.stage, original.source, overlay)
-            traces = _author(target, opened.points, marked)
+            traces = _author(target, opened.points, marked, skel)
         return _export(Usd.Stage.Open(str(overlay)), traces, output, beside, keep_metadata)
 
 
@@ -130,11 +138,11 @@ def _export(
     return Delivery(tuple(moved), (*removed, *paths.cut), paths.outside)
 
 
-def _author(target: StreamedLayer, points: StagePoints, marked: Asset) -> Traces:
+def _author(target: StreamedLayer, points: StagePoints, marked: Asset, skel: str) -> Traces:
     traces = Traces(points)
     for mesh in marked.meshes:
         prim = points.stage.GetPrimAtPath(mesh.prim)
-        author_marked_points(target, points.of(prim), mesh, traces.witness(mesh.prim))
+        author_marked(target, points.of(prim), mesh, skel, traces.witness(mesh.prim))
     return traces
 
 

@@ -14,6 +14,9 @@ from meshmark.errors import InputError
 from meshmark.mesh.checks import require_measurable
 from meshmark.mesh.topology import Topology
 
+# When a rigged mesh is in its rest pose: before all time.
+REST = -np.inf
+
 Float32Array = NDArray[np.float32]
 
 # What points may be stored as; the role of a type (point, vector, colour) does not matter.
@@ -22,8 +25,8 @@ INTEGER_ARRAYS = (Vt.IntArray, Vt.Int64Array, Vt.UIntArray, Vt.UInt64Array, Vt.U
 
 
 def time_code(time: float) -> Usd.TimeCode:
-    """Return the USD time of a frame: NaN, no time at all, reads the first there is."""
-    return Usd.TimeCode.EarliestTime() if np.isnan(time) else Usd.TimeCode(time)
+    """Return the USD time of a frame: NaN, no time at all, and `REST` read the first there is."""
+    return Usd.TimeCode(time) if np.isfinite(time) else Usd.TimeCode.EarliestTime()
 
 
 def sample_times(prim: Usd.Prim) -> FloatArray:

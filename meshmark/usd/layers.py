@@ -84,16 +84,16 @@ class StreamedLayer:
 
 
 def value_at(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
-    """Return a time sample of an attribute, or its default if the time is NaN."""
-    if np.isnan(time):
+    """Return a time sample of an attribute, or its default if the time is NaN or infinite."""
+    if not np.isfinite(time):
         attribute = layer.GetAttributeAtPath(path)
         return None if attribute is None else attribute.default
     return layer.QueryTimeSample(path, time)
 
 
 def set_value(layer: Sdf.Layer, path: Sdf.Path, time: float, value: Any) -> None:
-    """Give an attribute a time sample, or its default if the time is NaN."""
-    if np.isnan(time):
+    """Give an attribute a time sample, or its default if the time is NaN or infinite."""
+    if not np.isfinite(time):
         layer.GetAttributeAtPath(path).default = value
     else:
         layer.SetTimeSample(path, time, value)

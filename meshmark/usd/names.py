@@ -4,3 +4,5 @@ READER = "usd"
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # Packages are only read.
 LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
+# What becomes of a rigged mesh: its posed points are baked, or its rest pose is marked.
+BAKE, REST_POSE = "bake", "rest"

@@ -13,7 +13,7 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.checks import require_measurable
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import local_points, local_to_world, sample_times, world_points
+from meshmark.usd.geometry import REST, local_points, local_to_world, sample_times, world_points
 from meshmark.usd.skinning import Rig, rigs_below, skel_root
 
 Points = NDArray[np.floating]
@@ -52,14 +52,11 @@ class MeshPoints:
 
     @property
     def has_rest_pose(self) -> bool:
-        """Whether a rig poses them over time, all from the same rest pose."""
-        sampled = np.isnan(sample_times(self.prim)).all()
-        return self.rig is not None and bool(sampled) and self.rig.times.size > 0
+        """Whether a rig poses them, and from the same rest pose at all times."""
+        return self.rig is not None and bool(np.isnan(sample_times(self.prim)).all())
 
     def local(self, time: float) -> Points:
-        """Return them in the prim's own space and type, (N, 3).
-
-        At no time, NaN, those that have no other time; the rest pose of those that have.
+        """Return them in the prim's own space and type, (N, 3); at `REST`, before a rig poses them.
 
         Raises
         ------
@@ -68,7 +65,7 @@ class MeshPoints:
             where.
         """
         rest = local_points(self.prim, time)
-        if self.rig is None or (np.isnan(time) and self.rig.times.size):
+        if self.rig is None or time == REST:
             return rest
         with np.errstate(over="ignore", invalid="ignore"):
             posed = self.rig.pose(rest, time).astype(rest.dtype)

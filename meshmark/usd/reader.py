@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.asset import Asset
-from meshmark.usd.names import LAYER_SUFFIXES, READER, STAGE_SUFFIXES
+from meshmark.usd.names import BAKE, LAYER_SUFFIXES, READER, STAGE_SUFFIXES
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
@@ -49,19 +49,25 @@ class UsdReader:
         """Tell whether the output is called as a layer is."""
         return output.suffix.lower() in LAYER_SUFFIXES
 
-    def write(self, marked: Asset, original: Asset, output: Path) -> None:
+    def write(self, marked: Asset, original: Asset, output: Path, *, skel: str = BAKE) -> None:
         """Write a layer over the original's stage; or a new stage, if it is none."""
         if original.reader == READER:
             from meshmark.usd.writing import write_override
 
-            write_override(original, marked, output)
+            write_override(original, marked, output, skel=skel)
         else:
             from meshmark.usd.stages import write_stage
 
             write_stage(original.with_meshes(marked.meshes), output)
 
     def deliver(
-        self, marked: Asset, original: Asset, output: Path, *, keep_metadata: bool = False
+        self,
+        marked: Asset,
+        original: Asset,
+        output: Path,
+        *,
+        keep_metadata: bool = False,
+        skel: str = BAKE,
     ) -> Delivery | None:
         """Write one file in which no unmarked point is left.
 
@@ -73,7 +79,7 @@ class UsdReader:
         if original.reader == READER:
             from meshmark.usd.delivery import write_flattened
 
-            return write_flattened(original, marked, output, keep_metadata=keep_metadata)
+            return write_flattened(original, marked, output, keep_metadata=keep_metadata, skel=skel)
         self.write(marked, original, output)
         return None
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
+from meshmark.mesh.precision import stored
+from meshmark.usd.geometry import REST
 from meshmark.usd.points import MeshPoints
 
 # Directions that all poses flatten this much, relative to the others, say nothing.
@@ -34,7 +36,7 @@ class RestMoves:
     _products: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.points = self.mesh.local(np.nan)
+        self.points = self.mesh.local(REST)
         self._squares = np.zeros((len(self.points), 3, 3))
         self._products = np.zeros((len(self.points), 3))
 
@@ -54,7 +56,14 @@ class RestMoves:
         moved = [rig.pose(rest + step * axis, time) - posed for axis in np.eye(3)]
         return np.stack(moved, axis=1) / step
 
-    def moves(self) -> FloatArray:
-        """Return the moves of the rest pose, (N, 3)."""
+    def marked(self) -> NDArray[np.floating]:
+        """Return the moved rest pose (N, 3), in the type of its points.
+
+        Raises
+        ------
+        OutputError
+            If a point is beyond what that type holds.
+        """
         inverse = np.linalg.pinv(self._squares, rcond=FLAT, hermitian=True)
-        return np.einsum("nij,nj->ni", inverse, self._products)
+        moves = np.einsum("nij,nj->ni", inverse, self._products)
+        return stored(self.points + moves, self.points.dtype)

@@ -14,7 +14,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.delivery.clouds import find_cloud
 from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
-from meshmark.usd.geometry import local_to_world, polygons
+from meshmark.usd.geometry import REST, local_to_world, polygons
 from meshmark.usd.layers import VECTOR_ARRAYS, extent, set_value, value_at, vector_array
 from meshmark.usd.numbers import (
     Numbers,
@@ -104,6 +104,18 @@ class Traces:
         """Return what remembers each frame of a prim as it is authored."""
         return lambda time, original, _: self.add(prim, time, original)
 
+    def marked(self, layer: Sdf.Layer, prim: str, time: float) -> FloatArray:
+        """Return the points (N, 3) that a flattened layer gives a prim at a time.
+
+        Where only its rest pose was marked, the rig poses that.
+        """
+        path = Sdf.Path(prim).AppendProperty("points")
+        points = value_at(layer, path, time)
+        rig = self.points.of(self.points.stage.GetPrimAtPath(prim)).rig
+        if points is None and rig is not None:
+            return rig.pose(np.asarray(value_at(layer, path, REST)), time)
+        return np.asarray(points, dtype=np.float64)
+
     def find(self, numbers: FloatArray, place: Place, without: Iterable[str] = ()) -> list[Copy]:
         """Find copies of points in numbers (M, d) that writes go through to; none overlap.
 
@@ -174,7 +186,7 @@ def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
             new = table.astype(np.float64)
             found = traces.find(new, place)
             for copy in found:
-                points = marked_points(layer, copy.prim, copy.match.time)
+                points = traces.marked(layer, copy.prim, copy.match.time)
                 rows, columns = copy.match.rows, copy.match.columns
                 copy.numbers[np.ix_(rows, columns)] = copy.match.image(points)
             if found:
@@ -185,18 +197,12 @@ def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
     for prim, shape in traces.shapes.items():
         path = f"{prim}.points"
         # A rest pose was marked as well.
-        if layer.GetNumTimeSamplesForPath(path) and not np.isnan(shape.times).any():
+        if layer.GetNumTimeSamplesForPath(path) and REST not in shape.times:
             layer.GetAttributeAtPath(path).ClearDefaultValue()
     found = sorted(Moved(path, prim) for path, prim in rewrite_numbers(layer, moved))
     for path in dict.fromkeys(each.path for each in found):
         _fit_extent(layer, path)
     return found
-
-
-def marked_points(layer: Sdf.Layer, prim: str, time: float) -> FloatArray:
-    """Return the points (N, 3) that a layer gives a prim at a time."""
-    points = value_at(layer, Sdf.Path(prim).AppendProperty("points"), time)
-    return np.asarray(points, dtype=np.float64)
 
 
 def _fit_extent(layer: Sdf.Layer, path: str) -> None:

@@ -9,19 +9,22 @@ from pxr import Usd
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.usd.authoring import author_marked_points
-from meshmark.usd.layers import lay_over, new_layer
+from meshmark.usd.authoring import Witness, author_marked_points, author_marked_rest
+from meshmark.usd.layers import StreamedLayer, lay_over, new_layer
+from meshmark.usd.names import BAKE, REST_POSE
 from meshmark.usd.opening import open_stage
+from meshmark.usd.points import MeshPoints
 from meshmark.usd.reach import refuse_to_overwrite
 
 
-def write_override(original: Asset, marked: Asset, output: Path) -> None:
+def write_override(original: Asset, marked: Asset, output: Path, *, skel: str = BAKE) -> None:
     """Write a layer over the original's file with the points of the marked meshes.
 
     The layer holds only `over` specs with `points` and `extent`, at every time the source has
     points (its default where it has no samples), and the metadata without which it would not
-    look the same as the source. Of a rigged mesh it also holds what it takes to bake it; see
-    `meshmark.usd.authoring`. The source's files are only read. Equal input gives equal bytes.
+    look the same as the source. Of a rigged mesh it holds what it takes to bake it, or its
+    rest pose; see `meshmark.usd.authoring`. The source's files are only read. Equal input gives
+    equal bytes.
 
     Parameters
     ----------
@@ -32,6 +35,8 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
         inside instances are skipped: USD lets nothing be said about them from outside.
     output : Path
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+    skel : {"bake", "rest"}
+        Whether rigged meshes are baked, or keep their rigs, and have their rest poses marked.
 
     Raises
     ------
@@ -54,7 +59,20 @@ def write_override(original: Asset, marked: Asset, output: Path) -> None:
     with new_layer(output) as target:
         lay_over(target.layer, stage, original.source, output)
         for prim, mesh in pairs:
-            author_marked_points(target, opened.points.of(prim), mesh)
+            author_marked(target, opened.points.of(prim), mesh, skel)
+
+
+def author_marked(
+    target: StreamedLayer,
+    points: MeshPoints,
+    marked: MeshAnimation,
+    skel: str,
+    witness: Witness | None = None,
+) -> None:
+    """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose."""
+    rest = skel == REST_POSE and points.rig is not None
+    author = author_marked_rest if rest else author_marked_points
+    author(target, points, marked, witness)
 
 
 def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:

@@ -10,13 +10,23 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
+from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.asset import Asset
 from meshmark.usd.checking import check_stage
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
-from rigged_stages import BENDS, Rigged, baked_by_usd, bent_tube, elbow_weights, rotation, tube
+from rigged_stages import (
+    BENDS,
+    Rigged,
+    baked_by_usd,
+    bent,
+    bent_tube,
+    elbow_weights,
+    rotation,
+    tube,
+)
 from usd_stages import moved, points_at, read_one
 
 Write = Callable[[Asset, Asset, Path], object]
@@ -232,3 +242,105 @@ def test_flattening_keeps_a_mesh_unbound(tmp_path: Path) -> None:
     original = read_stage(rigged.save())
     write_flattened(original, moved(original), tmp_path / "o.usda")
     assert all(mesh.notes == () for mesh in read_stage(str(tmp_path / "o.usda")).meshes)
+
+
+def rest_override(original: Asset, marked: Asset, output: Path) -> None:
+    write_override(original, marked, output, skel="rest")
+
+
+def rest_deliverable(original: Asset, marked: Asset, output: Path) -> None:
+    write_flattened(original, marked, output, skel="rest")
+
+
+@pytest.mark.parametrize("write", [rest_override, rest_deliverable])
+def test_a_marked_rest_pose_is_posed_into_the_marked_points(tmp_path: Path, write: Write) -> None:
+    original = read_stage(bent_tube(tmp_path / "a.usda"))
+    moves = np.random.default_rng(6).normal(0, 1e-3, tube()[0].shape)
+    marked = bent_moves(original, moves)
+    write(original, marked, tmp_path / "o.usda")
+    again = read_one(str(tmp_path / "o.usda"))
+    assert again.notes == ("rigged: posed by /man/bones",)
+    for before, after in zip(marked.meshes[0], again, strict=True):
+        np.testing.assert_allclose(after.points, before.points, atol=2e-6)
+
+
+def test_only_the_rest_pose_changes(tmp_path: Path) -> None:
+    source = bent_tube(tmp_path / "a.usda")
+    original = read_stage(source)
+    write_override(original, moved(original), tmp_path / "o.usda", skel="rest")
+    before = values(Usd.Stage.Open(source), list(BENDS))
+    after = values(Usd.Stage.Open(str(tmp_path / "o.usda")), list(BENDS))
+    different = {path for path in before | after if before.get(path) != after.get(path)}
+    assert different == {"/man/arm.points", "/man/arm.extent"}
+    assert after["/man/arm.points"][0] == []
+
+
+def test_another_animation_shows_the_mark_of_a_rest_pose(tmp_path: Path) -> None:
+    original = read_stage(bent_tube(tmp_path / "a.usda"))
+    moves = np.random.default_rng(6).normal(0, 1e-3, tube()[0].shape)
+    write_override(original, bent_moves(original, moves), tmp_path / "o.usda", skel="rest")
+    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    bend = Gf.Rotation(Gf.Vec3d(0, 0, 1), 140).GetQuat()
+    rotations = stage.GetPrimAtPath("/man/walk").GetAttribute("rotations")
+    rotations.Set(Vt.QuatfArray([Gf.Quatf(1), Gf.Quatf(bend)]), 8)
+    stage.GetRootLayer().Save()
+    mesh = read_one(str(tmp_path / "o.usda"))
+    assert mesh.times.tolist() == [8]
+    np.testing.assert_allclose(mesh[0].points, bent(140, moves), atol=2e-6)
+
+
+def test_a_rest_pose_fits_marks_that_differ_from_frame_to_frame_as_well_as_one_can(
+    tmp_path: Path,
+) -> None:
+    """Where joints do not bend, the pose of the rest is the mean of the marks."""
+    original = read_stage(bent_tube(tmp_path / "a.usda"))
+    marked = moved(original)
+    write_override(original, marked, tmp_path / "o.usda", skel="rest")
+    rest = points_at(Usd.Stage.Open(str(tmp_path / "o.usda")), "/man/arm")
+    still = elbow_weights(tube()[0]) == 0
+    mean = np.mean([frame.points[still] for frame in marked.meshes[0]], axis=0)
+    np.testing.assert_allclose(rest[still], mean, atol=1e-6)
+
+
+def test_extents_of_poses_stay_in_sight(tmp_path: Path) -> None:
+    rigged = Rigged.at(tmp_path / "a.usda")
+    box = rigged.add_tube().CreateExtentAttr()
+    for time in BENDS:
+        box.Set([(-9, -9, -9), (9, 9, time)], time)
+    rigged.turn_elbow(BENDS)
+    original = read_stage(rigged.save())
+    write_override(original, moved(original), tmp_path / "o.usda", skel="rest")
+    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    assert stage.GetAttributeAtPath("/man/arm.extent").GetTimeSamples() == list(BENDS)
+
+
+def test_an_animated_rest_pose_cannot_be_marked_as_one(tmp_path: Path) -> None:
+    rigged = Rigged.at(tmp_path / "a.usda")
+    points = rigged.add_tube().GetPointsAttr()
+    for time in BENDS:
+        points.Set(Vt.Vec3fArray.FromNumpy((time * tube()[0]).astype(np.float32)), time)
+    rigged.turn_elbow(BENDS)
+    original = read_stage(rigged.save())
+    with pytest.raises(UsageError, match="rest pose is animated") as caught:
+        write_override(original, moved(original), tmp_path / "o.usda", skel="rest")
+    assert caught.value.prim == "/man/arm"
+    write_override(original, moved(original), tmp_path / "o.usda")
+    assert read_one(str(tmp_path / "o.usda")).times.tolist() == list(BENDS)
+
+
+def test_copies_of_poses_follow_a_marked_rest_pose(tmp_path: Path) -> None:
+    rigged = Rigged.at(tmp_path / "a.usda")
+    mesh = rigged.add_tube()
+    rigged.turn_elbow(BENDS)
+    cache = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "cache", Sdf.ValueTypeNames.Point3fArray, UsdGeom.Tokens.vertex
+    )
+    cache.Set(Vt.Vec3fArray.FromNumpy(bent(90).astype(np.float32)))
+    original = read_stage(rigged.save())
+    moves = np.random.default_rng(6).normal(0, 1e-3, tube()[0].shape)
+    marked = bent_moves(original, moves)
+    delivery = write_flattened(original, marked, tmp_path / "o.usda", skel="rest")
+    assert [each.path for each in delivery.moved] == ["/man/arm.primvars:cache"]
+    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    kept = np.array(stage.GetAttributeAtPath("/man/arm.primvars:cache").Get())
+    np.testing.assert_allclose(kept, bent(90, moves), atol=1e-5)
