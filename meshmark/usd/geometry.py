@@ -70,7 +70,17 @@ def local_to_world(prim: Usd.Prim, time: float) -> FloatArray:
         If it is not finite; the caller adds where.
     """
     cache = UsdGeom.XformCache(time_code(time))
-    matrix = np.array(cache.GetLocalToWorldTransform(prim), dtype=np.float64)
+    return finite(np.array(cache.GetLocalToWorldTransform(prim), dtype=np.float64))
+
+
+def finite(matrix: FloatArray) -> FloatArray:
+    """Return a transform as it is.
+
+    Raises
+    ------
+    InputError
+        If it is not finite; the caller adds where.
+    """
     if not np.isfinite(matrix).all():
         raise InputError("its transform to world space is not finite")
     return matrix

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from meshmark.arrays import FloatArray
-from meshmark.errors import InputError, NoExtentError
-from meshmark.usd.geometry import Float32Array, local_to_world, time_code, transformed
+from meshmark.errors import InputError
+from meshmark.usd.geometry import Float32Array, finite, local_to_world, time_code, transformed
 
 # Times this close are the same: layer offsets round.
 SAME_TIME = 1e-9
@@ -120,16 +120,31 @@ class Rig:
     def to_prim(self, time: float) -> FloatArray:
         """Return the matrix (4, 4) from the skeleton's space to the prim's, for row vectors.
 
+        In a prim that is scaled to nothing, nothing has an extent.
+
         Raises
         ------
         InputError
-            If the prim is scaled to nothing, or a transform is not finite.
+            If a transform is not finite.
         """
-        own = local_to_world(self.prim, time)
+        bone, own = (self._transform(prim, time) for prim in (self.bone, self.prim))
         try:
-            return local_to_world(self.bone, time) @ np.linalg.inv(own)
+            return bone @ np.linalg.inv(own)
         except np.linalg.LinAlgError:
-            raise NoExtentError("it is scaled to nothing") from None
+            return bone @ np.linalg.pinv(own)
+
+    def _transform(self, prim: Usd.Prim, time: float) -> FloatArray:
+        """Return the matrix (4, 4) from a prim's space to that of what is above both prims.
+
+        Whatever scales both, be it to nothing, is left aside.
+        """
+        both = self.prim.GetPath().GetCommonPrefix(self.bone.GetPath())
+        cache = UsdGeom.XformCache(time_code(time))
+        above = self.prim.GetStage().GetPrimAtPath(both)
+        if any(cache.ComputeRelativeTransform(each, above)[1] for each in (self.prim, self.bone)):
+            return local_to_world(prim, time)
+        matrix = np.array(cache.ComputeRelativeTransform(prim, above)[0], dtype=np.float64)
+        return finite(matrix)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from meshmark.errors import UsageError
+from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.asset import Asset
 from meshmark.usd.checking import check_stage
 from meshmark.usd.delivery import write_flattened
+from meshmark.usd.opening import stage_files
+from meshmark.usd.reach import files_in_reach
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
 from rigged_stages import (
@@ -344,3 +346,18 @@ def test_copies_of_poses_follow_a_marked_rest_pose(tmp_path: Path) -> None:
     stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
     kept = np.array(stage.GetAttributeAtPath("/man/arm.primvars:cache").Get())
     np.testing.assert_allclose(kept, bent(90, moves), atol=1e-5)
+
+
+def test_a_layer_with_the_animation_alone_is_part_of_the_source(tmp_path: Path) -> None:
+    Rigged.at(tmp_path / "walk.usda").save()
+    rigged = Rigged.at(tmp_path / "a.usda")
+    rigged.add_tube()
+    rigged.stage.RemovePrim("/man/walk")
+    moves = rigged.stage.DefinePrim("/man/walk", "SkelAnimation")
+    moves.GetReferences().AddReference("./walk.usda", "/man/walk")
+    source = rigged.save()
+    assert [path.name for path in stage_files(source)] == ["a.usda", "walk.usda"]
+    assert tmp_path / "walk.usda" in files_in_reach(source)
+    original = read_stage(source)
+    with pytest.raises(OutputError):
+        write_override(original, moved(original), tmp_path / "walk.usda")

@@ -13,6 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from meshmark.errors import InputError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.usd.reading import read_stage
+from meshmark.usd.writing import write_override
 from rigged_stages import BENDS, Rigged, bent, bent_tube, rotation, tube, twisted
 from usd_stages import read_one
 
@@ -247,17 +248,23 @@ def test_a_shape_that_does_not_fit_is_not_blended(tmp_path: Path) -> None:
     np.testing.assert_allclose(at(read_one(rigged.save()), 4), bent(90), atol=CLOSE)
 
 
-def test_a_prim_scaled_to_nothing_for_a_while_keeps_its_rig(tmp_path: Path) -> None:
+@pytest.mark.parametrize("prim", ["/man/arm", "/man"])
+def test_what_is_scaled_to_nothing_for_a_while_keeps_its_rig(tmp_path: Path, prim: str) -> None:
     rigged = Rigged.at(tmp_path / "a.usda")
-    arm = rigged.add_tube()
+    rigged.add_tube()
     rigged.turn_elbow(BENDS)
     for time, scale in ((1.0, 0.0), (2.0, 1.0)):
-        UsdGeom.XformCommonAPI(arm).SetScale(Gf.Vec3f(scale), time)
-    mesh = read_one(rigged.save())
+        place = UsdGeom.XformCommonAPI(rigged.stage.GetPrimAtPath(prim))
+        place.SetScale(Gf.Vec3f(scale), time)
+    original = read_stage(rigged.save())
+    (mesh,) = original.meshes
     assert mesh.notes == POSED
-    with pytest.raises(InputError, match="scaled to nothing"):
-        at(mesh, 1)
-    np.testing.assert_allclose(at(mesh, 4), bent(90), atol=CLOSE)
+    for time, points in ((1, 0 * bent(0)), (4, bent(90))):
+        np.testing.assert_allclose(at(mesh, time), points, atol=CLOSE)
+    for skel in ("bake", "rest"):
+        output = tmp_path / f"{skel}.usda"
+        write_override(original, original, output, skel=skel)
+        np.testing.assert_allclose(at(read_one(str(output)), 4), bent(90), atol=CLOSE)
 
 
 @pytest.mark.parametrize(
