@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from meshmark.alignment.fit import Fit, better
 from meshmark.alignment.following import FollowFrame
 from meshmark.alignment.original import Original
 from meshmark.alignment.placement import AssetAlignment, MeshAlignment
@@ -106,8 +107,8 @@ def align_mesh(
     meshes = (copy,) if isinstance(copy, MeshAnimation) else tuple(copy)
     known = Original(original)
     with breakdown_means_no_capacity(), one_thread():
-        method, start = Search(meshes, known).first(frames, (IDENTITY, PCA, FEATURES))
-    return _follow(meshes, known, method, start, frames, jobs)
+        method, fit = Search(meshes, known).first(frames, (IDENTITY, PCA, FEATURES))
+    return _follow(meshes, known, method, fit.placement, frames, jobs)
 
 
 def _follow(
@@ -157,6 +158,7 @@ class _Work:
 
     def _found(self, original: Original) -> _Found:
         reason = "nothing of the copy is left for it"
+        best: tuple[_Found, Fit] | None = None
         for meshes, method in self._candidates(original):
             search, frames = Search(meshes, original), self._frames(meshes)
             if method == PCA and self._known:
@@ -164,10 +166,17 @@ class _Work:
                 if start is not None:
                     return _Found(meshes, method, start)
             try:
-                return _Found(meshes, method, search.first(frames, (method,))[1])
+                _, fit = search.first(frames, (method,))
             except AlignmentError as error:
                 reason = error.message
-        raise AlignmentError(reason)
+                continue
+            if best is None or better(fit, best[1]):
+                best = _Found(meshes, method, fit.placement), fit
+            if fit.is_good:
+                break
+        if best is None:
+            raise AlignmentError(reason)
+        return best[0]
 
     def _candidates(self, original: Original) -> Iterator[tuple[tuple[MeshAnimation, ...], str]]:
         """List what of the copy the original may be found in, and how: quick and likely first."""

@@ -69,14 +69,14 @@ class Search:
     def __init__(self, meshes: Sequence[MeshAnimation], original: Original) -> None:
         self._meshes, self._original = tuple(meshes), original
 
-    def first(self, frames: Sequence[int], methods: Sequence[str]) -> tuple[str, Placement]:
+    def first(self, frames: Sequence[int], methods: Sequence[str]) -> tuple[str, Fit]:
         """Place one of some frames from nothing: the first, one in the middle or the last.
 
         Returns
         -------
         method : str
-            The first of the methods by which it succeeds.
-        placement : Placement
+            The one by which it succeeds.
+        fit : Fit
 
         Raises
         ------
@@ -100,7 +100,7 @@ class Search:
             if best is not None and best[1].is_good:
                 break
         if best is not None and best[1].fits:
-            return best[0], best[1].placement
+            return best
         raise AlignmentError(
             reason if best is None else shortfall(best[1]),
             source=self._meshes[0].origin,

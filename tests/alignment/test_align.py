@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +11,12 @@ from hypothesis import strategies as st
 
 from alignment_shapes import errors, mapped, nodding, placed, shuffled, similarity
 from meshmark.alignment.align import align, align_mesh
+from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.fit import Fit
+from meshmark.alignment.original import Original
 from meshmark.alignment.placement import PolynomialMap
 from meshmark.alignment.poses import motion, posed
+from meshmark.alignment.search import FEATURES, PCA, Search
 from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError
 from meshmark.mesh.animation import MeshAnimation
@@ -71,6 +77,30 @@ def test_a_similarity_is_recovered_exactly(method: str, mirror: bool) -> None:
     np.testing.assert_allclose([frame.pose for frame in found.frames], range(5), atol=1e-9)
     assert found.residual < 1e-7
     assert found.covered == 1.0
+
+
+def test_a_placement_that_only_just_fits_is_held_against_those_by_other_methods(
+    monkeypatch,
+) -> None:
+    original, A = nodding(), similarity(3, False)
+    copy = placed(shuffled(original), A)
+    right = Search.place
+
+    def place(search: Search, frame: CopyFrame, method: str) -> Fit | None:
+        fit = right(search, frame, PCA)
+        if method == FEATURES:
+            return fit
+        # Half a per cent of the diagonal off, as a part of the copy that lies elsewhere would be.
+        poor = replace(fit, distances=np.full(600, 5e-3), covered=0.7)
+        return poor if method == PCA else None
+
+    monkeypatch.setattr(Search, "place", place)
+    assert not place(Search((copy,), Original(original)), CopyFrame.of((copy,), 0), PCA).is_good
+    for found in (
+        align_mesh(copy, original, range(2)),
+        *align(as_asset(copy), as_asset(original), n_frames=2).meshes,
+    ):
+        assert found.method == FEATURES
 
 
 @settings(max_examples=10)
