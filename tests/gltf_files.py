@@ -113,8 +113,11 @@ def quad() -> GltfFile:
     return made
 
 
-def ball(subdivisions: int = 1) -> GltfFile:
-    """Build a ball that is morphed, skinned by two joints, and moves, 9 keys at 12 a second."""
+def ball(subdivisions: int = 1, *, bending: bool = True) -> GltfFile:
+    """Build a ball that is morphed, skinned by two joints, and moves, 9 keys at 12 a second.
+
+    Without bending, its frames are the same but for where they are.
+    """
     made = GltfFile()
     V, F = icosphere(subdivisions)
     n = len(V)
@@ -136,7 +139,8 @@ def ball(subdivisions: int = 1) -> GltfFile:
     times = np.arange(9) / 12
     half = np.linspace(0, 0.4, 9)
     turns = np.stack([np.sin(half), 0 * half, 0 * half, np.cos(half)], axis=1)
-    made.animate(3, "rotation", times, turns)
+    if bending:
+        made.animate(3, "rotation", times, turns)
+        made.animate(2, "weights", times, np.linspace(0, 1, 9))
     made.animate(1, "translation", times, np.outer(times, [1, 0, 0]))
-    made.animate(2, "weights", times, np.linspace(0, 1, 9))
     return made

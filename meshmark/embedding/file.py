@@ -126,8 +126,15 @@ def mark_file(
     recipient = None if recipient is None else recipient_name(recipient)
     original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
-    write = writer(original, target, deliver=deliver, keep_metadata=keep_metadata, skel=skel)
-    keep = _keeper(master, original, target, layers, skel)
+    write = writer(
+        original,
+        target,
+        parameters=parameters,
+        deliver=deliver,
+        keep_metadata=keep_metadata,
+        skel=skel,
+    )
+    keep = _keeper(master, original, target, parameters, layers, skel)
     others: Sequence[LeftOut] = ()
     if deliver and prims:
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
@@ -173,7 +180,8 @@ def mark_file(
             verdict = verify(marked.asset, marked)
             return Manifest(document | describe_marks(marked, marked.asset, verdict, jobs=jobs))
         with announced(document, target):
-            document |= _written(marked, target, write, partial(verify, marked=marked), jobs)
+            verified = partial(verify, marked=marked)
+            document |= _written(marked, target, parameters, write, verified, jobs)
             keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
@@ -230,6 +238,7 @@ def _skipped(
 def _written(
     marked: MarkedAsset,
     target: Path,
+    parameters: Mapping[str, Any] | None,
     write: Callable[[Asset], Delivery | None],
     verified: Callable[[Asset], Verdict],
     jobs: int,
@@ -237,7 +246,8 @@ def _written(
     """Write what was marked, read it back, verify it, and tell of it."""
     delivery = write(marked.asset)
     told = {} if delivery is None else {"delivery": delivery.as_json()}
-    written = read_back(marked.original, target, [mesh.original.prim for mesh in marked.meshes])
+    prims = [mesh.original.prim for mesh in marked.meshes]
+    written = read_back(marked.original, target, prims, parameters)
     return told | describe_marks(marked, written, verified(written), jobs=jobs)
 
 
@@ -245,6 +255,7 @@ def _keeper(
     master: str | Path | None,
     original: Asset,
     target: Path,
+    parameters: Mapping[str, Any] | None,
     layers: Sequence[Recipe],
     skel: str,
 ) -> Callable[[Asset], object]:
@@ -263,7 +274,7 @@ def _keeper(
     if path.resolve() == target.resolve():
         raise UsageError("the master is the output", source=path)
     check_output(path, original, deliver=False)
-    return writer(original, path, skel=skel)
+    return writer(original, path, parameters=parameters, skel=skel)
 
 
 def _verify(

@@ -18,8 +18,8 @@ from meshmark.mesh.asset import Asset
 class Reader(Protocol):
     """Reads one kind of source into an `Asset`, and may write it back.
 
-    This is what it must have. It may have `files`, `files_in_reach` and `texture_coordinates` of
-    `SourceReader`, too.
+    This is what it must have. It may have `files`, `files_in_reach`, `texture_coordinates` and
+    `require_writable` of `SourceReader`, too.
     """
 
     def accepts(self, source: str) -> bool:
@@ -43,7 +43,8 @@ class Reader(Protocol):
     def write(self, marked: Asset, original: Asset, output: Path) -> None:
         """Write `original`, as it stands in its files, with the points of `marked`.
 
-        Nothing but positions may change, and nothing half-written may be left behind.
+        Nothing but positions may change, and nothing half-written may be left behind. Where
+        frames follow from positions at rest, these are to come as near to the frames as they can.
         """
         ...
 
@@ -76,6 +77,13 @@ class SourceReader(Reader, Protocol):
         -------
         (F, 3, 2) float64 or None
             For each corner of each triangle.
+        """
+        ...
+
+    def require_writable(self, source: str) -> None:
+        """Refuse, with a `UsageError`, a source that cannot be written back.
+
+        Asked before any work is done. Without it, none is refused.
         """
         ...
 

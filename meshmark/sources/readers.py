@@ -57,6 +57,12 @@ class PluginReader:
         found: FloatArray | None = None if own is None else own(source, prim)
         return found
 
+    def require_writable(self, source: str) -> None:
+        """Ask the reader, or refuse nothing."""
+        own = getattr(self.reader, "require_writable", None)
+        if own is not None:
+            own(source)
+
     def writes(self, output: Path) -> bool:
         """Ask the reader."""
         return self.reader.writes(output)
@@ -75,7 +81,7 @@ def find_reader(source: str) -> SourceReader | None:
     return next((reader for reader in _readers() if reader.accepts(source)), None)
 
 
-def reader_called(name: str) -> SourceReader:
+def reader_called(name: str, parameters: Mapping[str, Any] | None = None) -> SourceReader:
     """Return the reader of a name, as `Asset.reader` has it.
 
     Raises
@@ -83,7 +89,11 @@ def reader_called(name: str) -> SourceReader:
     UsageError
         If there is none.
     """
-    return UsdReader() if name == READER else PluginReader(make_reader(name), name)
+    return (
+        UsdReader()
+        if name == READER
+        else PluginReader(make_reader(name, **(parameters or {})), name)
+    )
 
 
 def takes(source: str, parameters: Mapping[str, Any]) -> bool:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import SourceReader
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import open_source, reader_called
+from meshmark.sources.readers import open_source, reader_called, takes
 from meshmark.usd.names import BAKE, LAYER_SUFFIXES
 from meshmark.usd.reader import UsdReader
 
@@ -19,7 +19,14 @@ if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
 
 
-def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool = False) -> None:
+def write(
+    marked: Asset,
+    original: Asset,
+    output: str | Path,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    deliver: bool = False,
+) -> None:
     """Write a marked asset beside its original.
 
     Parameters
@@ -31,23 +38,26 @@ def write(marked: Asset, original: Asset, output: str | Path, *, deliver: bool =
     output : str or Path
         A USD layer: an override that sublayers a USD source, or a whole stage for any other.
         Or what the original's own reader writes, such as a folder of OBJ frames.
+    parameters : mapping, optional
+        Of the original's reader, as `meshmark.read` was given them.
     deliver : bool
         Flatten into one file in which no unmarked point is left.
 
     Raises
     ------
     UsageError
-        If the output's kind does not fit the source.
+        If the output's kind does not fit the source, or it cannot be written back.
     OutputError
         If it cannot be written; nothing half-written is left.
     """
-    writer(original, output, deliver=deliver)(marked)
+    writer(original, output, parameters=parameters, deliver=deliver)(marked)
 
 
 def writer(
     original: Asset,
     output: str | Path,
     *,
+    parameters: Mapping[str, Any] | None = None,
     deliver: bool = False,
     keep_metadata: bool = False,
     skel: str = BAKE,
@@ -57,7 +67,7 @@ def writer(
     Raises
     ------
     UsageError
-        If the output's kind does not fit the source.
+        If the output's kind does not fit the source, or it cannot be written back.
     """
     path, usd = Path(output), UsdReader()
     if deliver and usd.writes(path):
@@ -66,12 +76,13 @@ def writer(
         )
     if usd.writes(path):
         return partial(usd.write, original=original, output=path, skel=skel)
-    reader = reader_called(original.reader)
+    reader = reader_called(original.reader, parameters)
     if not reader.writes(path):
         raise UsageError(
             f"the {original.reader} reader cannot write to {str(output)!r}; "
             f"{', '.join(LAYER_SUFFIXES)} always can be"
         )
+    reader.require_writable(original.source)
     return partial(reader.write, original=original, output=path)
 
 
@@ -83,7 +94,12 @@ def written_names(original: Asset, output: str | Path) -> dict[str, str]:
     return _writing_reader(original, Path(output)).written_names(original)
 
 
-def read_back(original: Asset, output: str | Path, prims: Sequence[str]) -> Asset:
+def read_back(
+    original: Asset,
+    output: str | Path,
+    prims: Sequence[str],
+    parameters: Mapping[str, Any] | None = None,
+) -> Asset:
     """Read meshes of an asset from where `write` put them, under the names they came with.
 
     Raises
@@ -92,7 +108,8 @@ def read_back(original: Asset, output: str | Path, prims: Sequence[str]) -> Asse
         If what was written cannot be read.
     """
     names = written_names(original, output)
-    written = open_source(str(output), [names[prim] for prim in prims])
+    given = parameters if parameters and takes(str(output), parameters) else None
+    written = open_source(str(output), [names[prim] for prim in prims], given)
     named = zip(written.meshes, prims, strict=True)
     return replace(written, meshes=tuple(replace(mesh, prim=prim) for mesh, prim in named))
 

@@ -45,6 +45,9 @@ class UsdReader:
 
         return read_texture_coordinates(source, prim)
 
+    def require_writable(self, source: str) -> None:
+        """Refuse nothing."""
+
     def writes(self, output: Path) -> bool:
         """Tell whether the output is called as a layer is."""
         return output.suffix.lower() in LAYER_SUFFIXES

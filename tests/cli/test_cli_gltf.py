@@ -12,6 +12,7 @@ import pytest
 from gltf_files import ball
 from meshmark.cli import main
 from meshmark.keys import Key
+from meshmark.metrics import distortion
 from meshmark.sources.reading import read
 from meshmark.testing.schemas import schema_folder
 from usd_stages import cube, write_text
@@ -47,6 +48,7 @@ def run(monkeypatch, capsys, tmp_path):
 MARK = ["--key", "k", "--scheme", "relief"]
 
 
+@pytest.mark.slow
 def test_a_clip_is_marked_and_found_beside_the_original(run, tmp_path):
     chosen = ["--clip", "Turn", "--fps", 8]
     code, out, _ = run("embed", "ball.glb", "-o", "out.usdc", *MARK, *chosen, "--json")
@@ -74,6 +76,26 @@ def test_a_clip_is_marked_and_found_beside_the_original(run, tmp_path):
     assert "ball.glb: not marked" in told
 
 
+def test_a_copy_in_the_format_of_the_source_holds_the_mark(run):
+    code, out, _ = run("embed", "ball.glb", "-o", "out.glb", *MARK, "--clip", "Turn", "--json")
+    document = json.loads(out)
+    assert code == 0
+    # Of what was written, beside the original, of that clip.
+    assert document["verification"]["verdict"] == "marked"
+    parameters = {"clip": "Turn"}
+    [marked], [plain] = (
+        read(name, parameters=parameters).meshes for name in ("out.glb", "ball.glb")
+    )
+    apart = [np.abs(one.points - two.points) for one, two in zip(marked, plain, strict=True)]
+    assert all(0 < each.max() < 0.05 for each in apart)
+    told = document["prims"][0]["distortion"]
+    found = distortion(plain, marked, uv=None, jobs=1)
+    assert told["mrms"] == pytest.approx(found.mrms, rel=1e-6)
+    [other] = read("out.glb").meshes
+    assert len(other) == 17
+    assert np.abs(other[0].points - read("ball.glb").meshes[0][0].points).max() > 0
+
+
 def test_inspect_tells_of_clips_and_frames(run):
     code, out, _ = run("inspect", "ball.glb", "--scheme", "relief")
     assert code == 0
@@ -98,9 +120,11 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
     ("arguments", "wanted"),
     [
         (
-            ("embed", "ball.glb", "-o", "x.glb", *MARK),
-            "the gltf reader cannot write to 'x.glb'; .usd, .usda, .usdc always can be",
+            ("embed", "ball.glb", "-o", "x.gltf", *MARK),
+            "the gltf reader cannot write to 'x.gltf'; .usd, .usda, .usdc always can be",
         ),
+        (("embed", "ball.gltf", "-o", "x.glb", *MARK), "only binary glTF (.glb) is written back"),
+        (("embed", "ball.glb", "-o", "x.glb", *MARK, "--deliver"), "--deliver writes one of"),
         (("attack", "noise", "ball.glb", "-o", "x.glb"), "an attack's result is one of"),
         (
             ("inspect", "ball.glb", "--clip", "Crawl"),
@@ -118,6 +142,7 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
 )
 def test_what_cannot_be_done_is_one_line(run, tmp_path, arguments, wanted):
     write_text(tmp_path / "cube.usda", cube("m"))
+    ball().save(tmp_path / "ball.gltf")
     before = set(tmp_path.iterdir())
     code, out, told = run(*arguments)
     assert code == 2

@@ -509,13 +509,6 @@ def test_missing_decoders_are_named(tmp_path, monkeypatch):
         GltfReader().read(made.save(tmp_path / "meshopt.glb"))
 
 
-def test_it_is_not_written_yet(tmp_path):
-    asset = GltfReader().read(quad().save(tmp_path / "a.glb"))
-    assert not GltfReader().writes(tmp_path / "b.glb")
-    with pytest.raises(UsageError, match="only read"):
-        GltfReader().write(asset, asset, tmp_path / "b.glb")
-
-
 def test_json_in_either_suffix(tmp_path):
     made = quad()
     text = made.save(tmp_path / "text.gltf")

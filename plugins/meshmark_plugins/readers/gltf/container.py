@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from meshmark.errors import InputError
 from meshmark.files.reading import opened
@@ -63,6 +64,21 @@ def read_container(path: Path) -> Container:
 
 def _chunks(data: bytes) -> tuple[memoryview, memoryview | None]:
     """Return the JSON and the binary chunk; those of other kinds are passed over."""
+    found: dict[int, memoryview] = {}
+    for kind, chunk in _each_chunk(data):
+        if not found and kind != JSON:
+            raise InputError("its first chunk is not JSON")
+        if kind in found and kind in (JSON, BINARY):
+            what = "JSON" if kind == JSON else "binary data"
+            raise InputError(f"its chunk of {what} is there a second time")
+        found[kind] = chunk
+    if JSON not in found:
+        raise InputError("holds no chunk of JSON")
+    return found[JSON], found.get(BINARY)
+
+
+def _each_chunk(data: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Go through the chunks of a binary file: kind and content."""
     if len(data) < HEADER.size:
         raise InputError("ends within its header")
     _, version, length = HEADER.unpack_from(data)
@@ -71,7 +87,6 @@ def _chunks(data: bytes) -> tuple[memoryview, memoryview | None]:
     if length > len(data):
         raise InputError(f"is cut short: it has {len(data)} bytes and should have {length}")
     whole = memoryview(data)[:length]
-    found: dict[int, memoryview] = {}
     begin = HEADER.size
     while begin < length:
         if begin + CHUNK_HEADER.size > length:
@@ -80,15 +95,20 @@ def _chunks(data: bytes) -> tuple[memoryview, memoryview | None]:
         body = begin + CHUNK_HEADER.size
         if body + size > length:
             raise InputError(f"the chunk at byte {begin} reaches beyond the end of the file")
-        if not found and kind != JSON:
-            raise InputError("its first chunk is not JSON")
-        if kind in found and kind in (JSON, BINARY):
-            raise InputError(f"the chunk at byte {begin} is there a second time")
-        found[kind] = whole[body : body + size]
+        yield kind, whole[body : body + size]
         begin = body + size
-    if JSON not in found:
-        raise InputError("holds no chunk of JSON")
-    return found[JSON], found.get(BINARY)
+
+
+def rewritten(data: bytes, root: Mapping[str, Any], binary: bytes) -> bytes:
+    """Return a binary file with another document and other binary data; other chunks stay."""
+    text = json.dumps(root, separators=(",", ":")).encode("ascii")
+    new = {JSON: text + b" " * (-len(text) % 4), BINARY: binary}
+    body = b"".join(
+        CHUNK_HEADER.pack(len(chunk), kind) + chunk
+        for kind, old in _each_chunk(data)
+        for chunk in [new.get(kind, bytes(old))]
+    )
+    return HEADER.pack(MAGIC, VERSION, HEADER.size + len(body)) + body
 
 
 def _parsed(text: memoryview) -> dict[str, object]:

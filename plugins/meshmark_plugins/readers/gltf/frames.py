@@ -60,6 +60,13 @@ class GltfFrames:
             raise InputError(error.message, source=self.source, prim=self.prim, time=time) from None
         return Frame(time, points, self.geometry.topology)
 
+    def derivative(self, index: int) -> FloatArray:
+        """Return how points of frame `index` follow those at rest: (N, 3, 3), or (1, 3, 3)."""
+        worlds = self.rig.worlds(self.timeline.seconds(index))
+        if self.binding is not None:
+            return self.binding.blended(worlds)[:, :, :3]
+        return worlds[:1, :3, :3]
+
     def _points(self, seconds: float) -> FloatArray:
         track = self.weights_track
         weights = self.weights if track is None else track.at(seconds)

@@ -58,11 +58,14 @@ class Geometry:
         Triangles of all primitives, in their order.
     passed_over : int
         Number of primitives of points or lines.
+    positions : tuple of (int, int)
+        Accessors that hold the points, and the point that each one's begin with.
     """
 
     vertices: Vertices
     topology: Topology
     passed_over: int
+    positions: tuple[tuple[int, int], ...]
 
 
 class Meshes:
@@ -103,19 +106,26 @@ class Meshes:
         solid = [each for each in primitives if _mode(each) >= TRIANGLES]
         shared: dict[str, tuple[int, Vertices]] = {}
         parts: list[tuple[int, Topology]] = []
+        positions: list[tuple[int, int]] = []
         n_points = 0
         for primitive in solid:
             packed = self._unpacked(primitive)
             key = _key(primitive)
             if key not in shared:
                 shared[key] = n_points, self._vertices(primitive, packed)
+                positions.append((_position_of(primitive), n_points))
                 n_points += len(shared[key][1].points)
             offset, vertices = shared[key]
             parts.append((offset, self._topology(primitive, packed, len(vertices.points))))
         if not solid:
             return None
         vertices = _joined([vertices for _, vertices in shared.values()])
-        return Geometry(vertices, _one_topology(parts, n_points), len(primitives) - len(solid))
+        return Geometry(
+            vertices,
+            _one_topology(parts, n_points),
+            passed_over=len(primitives) - len(solid),
+            positions=tuple(positions),
+        )
 
     def _unpacked(self, primitive: Element) -> DracoMesh | None:
         """Decode a primitive; None if it is not compressed, or is there for all readers too."""
@@ -173,6 +183,11 @@ class Meshes:
             return Topology.fit(np.full(len(triangles), 3), triangles.reshape(-1), n)
         except InputError as error:
             raise InputError(f"{primitive.place}: {error.message}") from None
+
+
+def _position_of(primitive: Element) -> int:
+    """Return the accessor of a primitive's points."""
+    return primitive.object("attributes").integer(POSITION)
 
 
 def _mode(primitive: Element) -> int:

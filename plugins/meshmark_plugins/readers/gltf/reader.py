@@ -1,4 +1,4 @@
-"""Reads glTF files: the mesh of each node that has one, over the time of one animation clip."""
+"""The reader of glTF files, which writes binary ones back."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from meshmark.errors import InputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark_plugins.readers.gltf.clips import Track
-from meshmark_plugins.readers.gltf.container import read_container
+from meshmark_plugins.readers.gltf.container import BINARY_SUFFIX, read_container
 from meshmark_plugins.readers.gltf.document import Document, PlacedMesh
 from meshmark_plugins.readers.gltf.frames import GltfFrames
+from meshmark_plugins.readers.gltf.places import find_places
 from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_track
 from meshmark_plugins.readers.gltf.timeline import FASTEST, STILL, Timeline, frames_of
 from meshmark_plugins.readers.gltf.uris import buffer_files, files_named
+from meshmark_plugins.readers.gltf.writing import write_marked
 
 NAME = "gltf"
-SUFFIXES = (".glb", ".gltf")
+SUFFIXES = (BINARY_SUFFIX, ".gltf")
 
 
 @dataclass(frozen=True)
@@ -84,12 +86,25 @@ class GltfReader:
         return found
 
     def writes(self, output: Path) -> bool:
-        """Tell that glTF is only read."""
-        return False
+        """Tell whether the output is called as binary glTF files are."""
+        return output.suffix.lower() == BINARY_SUFFIX
+
+    def require_writable(self, source: str) -> None:
+        """Refuse a source whose positions cannot be replaced; see `places.find_places`."""
+        with _naming(source):
+            find_places(read_container(Path(source)))
 
     def write(self, marked: Asset, original: Asset, output: Path) -> None:
-        """Refuse to write."""
-        raise UsageError("glTF files are only read", source=output)
+        """Write the source with positions whose frames come nearest; see `writing.write_marked`."""
+        path = Path(original.source)
+        plain = {mesh.prim: mesh.source for mesh in self.read(original.source).meshes}
+        with _naming(original.source):
+            pairs = [
+                (frames, mesh)
+                for mesh in marked.meshes
+                if isinstance(frames := plain.get(mesh.prim), GltfFrames)
+            ]
+            write_marked(path, read_container(path), pairs, output)
 
     def _read(self, source: str) -> Asset:
         path = Path(source)
@@ -125,7 +140,9 @@ def _naming(source: str) -> Iterator[None]:
     try:
         yield
     except (InputError, UsageError) as error:
-        raise type(error)(error.message, source=error.source or source) from None
+        raise type(error)(
+            error.message, source=error.source or source, prim=error.prim, time=error.time
+        ) from None
 
 
 def _animation(

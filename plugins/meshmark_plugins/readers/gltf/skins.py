@@ -48,6 +48,14 @@ class Binding:
     weights: FloatArray
     inverse_bind: FloatArray
 
+    def blended(self, worlds: FloatArray) -> FloatArray:
+        """Return the matrix of each vertex, (N, 3, 4); see `skinned`."""
+        moves = (worlds @ self.inverse_bind)[:, :3]
+        blended = np.zeros((len(self.joints), 3, 4))
+        for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
+            blended += weights[:, None, None] * moves[joints]
+        return blended
+
     def skinned(self, points: FloatArray, worlds: FloatArray) -> FloatArray:
         """Move points by linear blend skinning.
 
@@ -63,10 +71,7 @@ class Binding:
         (N, 3) float64
             In world space.
         """
-        moves = (worlds @ self.inverse_bind)[:, :3]
-        blended = np.zeros((len(points), 3, 4))
-        for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
-            blended += weights[:, None, None] * moves[joints]
+        blended = self.blended(worlds)
         return (blended[:, :, :3] @ points[:, :, None])[:, :, 0] + blended[:, :, 3]
 
 
