@@ -216,9 +216,9 @@ def test_originals_and_masters_are_read_like_copies_in_a_process_of_their_own(
     seen: dict[str, bool] = {}
     read = reading.read
 
-    def noticed(source, *arguments, isolated=False):
+    def noticed(source, *, isolated=False, **options):
         seen[str(source)] = isolated
-        return read(source, *arguments, isolated=isolated)
+        return read(source, isolated=isolated, **options)
 
     monkeypatch.setattr(reading, "read", noticed)
     beside = ("--original", "horns.usdc", "--master", "horns.usdc", "--scheme", "relief")
@@ -236,5 +236,5 @@ def test_the_master_is_made_by_the_layers_asked_for(schemes, made_by) -> None:
     from meshmark.cli.verify import Request, _recipes
 
     recipes = _recipes(schemes, "sdf", "heat", [])
-    request = Request(recipes, bool(schemes), [], ":", None, True, 1e-6, False, "x", None)
+    request = Request(recipes, bool(schemes), [], ":", {}, None, True, 1e-6, False, "x", None)
     assert [layer.scheme for layer in request.master_layers] == made_by
