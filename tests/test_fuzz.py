@@ -32,6 +32,7 @@ def assert_clean(done: subprocess.CompletedProcess[str], count: int) -> None:
     assert "0 faults of 0 kinds" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_few_inputs_of_every_kind() -> None:
     done = fuzz("--count", "100", "--seed", "1")
     assert_clean(done, 100)

@@ -109,7 +109,13 @@ def test_the_traps_spring(folder) -> None:
     assert (code, trapped.split()) == (0, ["pickle", "numpy", "stranger"])
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way",
+    [
+        "script",
+        *(pytest.param(way, marks=pytest.mark.slow) for way in WAYS if way != "script"),
+    ],
+)
 def test_nothing_beside_a_leaked_copy_is_imported(folders, way) -> None:
     code, said, trapped = sprung(folders[way], [*WAYS[way], *VERIFY])
     assert trapped == ""

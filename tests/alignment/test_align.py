@@ -51,7 +51,13 @@ def crushed(kind: str) -> MeshAnimation:
     return MeshAnimation.from_arrays(V, F, prim="/Crushed")
 
 
-KINDS = ["line", "sheet", "needle", "spikes", "one face"]
+KINDS = [
+    "line",
+    *(
+        pytest.param(kind, marks=pytest.mark.slow)
+        for kind in ("sheet", "needle", "spikes", "one face")
+    ),
+]
 
 
 @pytest.mark.filterwarnings("error")
@@ -150,6 +156,7 @@ def test_a_map_of_degree_one_is_a_matrix() -> None:
     np.testing.assert_allclose(map_.matrix, A)
 
 
+@pytest.mark.slow
 def test_another_shape_is_refused() -> None:
     V, F = bent_tube(16, 20)
     with pytest.raises(AlignmentError):

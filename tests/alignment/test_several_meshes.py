@@ -56,6 +56,7 @@ def test_pieces_are_put_together_and_strangers_left_out() -> None:
         assert each.covered > 0.95
 
 
+@pytest.mark.slow
 def test_what_is_joined_to_a_copy_does_not_matter() -> None:
     A, body = similarity(6), nodding(3, 2)
     ground = plane(30, 12.0)

@@ -248,6 +248,7 @@ def of_one_frame(source, folder) -> list[object]:
     return ["bench", source, *choice, "-o", folder]
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_report_and_tells_by_its_exit_code(
     source, tmp_path, monkeypatch, capsys
 ) -> None:

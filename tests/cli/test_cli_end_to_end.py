@@ -179,6 +179,7 @@ def test_a_wrong_key_finds_nothing(run, tmp_path) -> None:
     assert run("verify", "marked.usda", "--key", tmp_path / "wrong", "--scheme", "tsai2014")[0] == 1
 
 
+@pytest.mark.slow
 def test_sixteen_shared_bits_as_published(run) -> None:
     shared = ("--scheme", "tsai2014", "--set", "words=1", "--frames", "1:1")
     code, _, err = run("embed", "creature.usdc", "-o", "shared.usdc", "--key", "k", *shared)
@@ -345,6 +346,7 @@ def test_evidence_of_another_machine_is_for_information_only(run, studio, monkey
     assert run("verify", "marked.usda", "--key", "k", "--unauthenticated-evidence")[0] == 2
 
 
+@pytest.mark.slow
 def test_recipients_come_from_a_file(run, studio, seven) -> None:
     names = [f"studio {i}" for i in range(200)]
     (studio / "names").write_text("# who got it\n\n" + "\n".join(names) + "\n")

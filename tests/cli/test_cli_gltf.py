@@ -76,6 +76,7 @@ def test_a_clip_is_marked_and_found_beside_the_original(run, tmp_path):
     assert "ball.glb: not marked" in told
 
 
+@pytest.mark.slow
 def test_a_copy_in_the_format_of_the_source_holds_the_mark(run):
     code, out, _ = run("embed", "ball.glb", "-o", "out.glb", *MARK, "--clip", "Turn", "--json")
     document = json.loads(out)

@@ -45,6 +45,7 @@ def test_a_reader_that_has_gone_is_told_as_a_shell_does(tmp_path, name) -> None:
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.slow
 def test_a_verdict_that_nobody_reads_has_no_verdicts_exit_code() -> None:
     source, key = FAULTS / "two-recipients/two_meshes.usdc", FAULTS / "test.key"
     verify = f"{MESHMARK} verify {source} --key {key} --scheme cho2007 --json"

@@ -177,6 +177,7 @@ def test_the_recipient_whose_words_fit_is_named() -> None:
     assert decide("f", [item], KEY).verdict == "not marked"
 
 
+@pytest.mark.slow
 def test_p_of_unmarked_evidence_is_honest_over_keys() -> None:
     item = evidence(np.zeros((6, 16), dtype=int), noise=1.0, n_words=8)
     keys = [Key(bytes([i]) * 32) for i in range(200)]

@@ -55,6 +55,7 @@ def test_a_ground_joined_to_a_marked_body_hides_nothing(key) -> None:
     assert verdict.log10_p < -20
 
 
+@pytest.mark.slow
 def test_junk_before_marked_frames_hides_nothing(key) -> None:
     asset = found("first-frame/first_scrambled.usdc")
     for frames in ("auto", ":"):

@@ -49,6 +49,7 @@ def test_evidence_tells_how_the_copy_lies(copy) -> None:
     assert judge(item, KEY).log10_p < -20
 
 
+@pytest.mark.slow
 def test_a_copy_of_something_else_is_inconclusive() -> None:
     tube = as_asset(mesh(bent_tube(24, 40)))
     found = gather_informed(tube, as_asset(horned().select([0])), RELIEF)

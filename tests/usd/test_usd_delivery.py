@@ -275,6 +275,7 @@ def test_assembled_stage(data_folder: Path, tmp_path: Path) -> None:
     assert {path: hashlib.sha256(path.read_bytes()).digest() for path in before} == before
 
 
+@pytest.mark.slow
 def test_man_in_a_package(data_folder: Path, tmp_path: Path) -> None:
     source = str(data_folder / "usd" / "CesiumMan.usdz")
     original = read_stage(source)

@@ -134,6 +134,7 @@ def test_marking_fits_what_was_laid_on_the_surface_to_it(gallop, gallop_plan):
     assert mrms(P, F, gallop_plan.mark(0, gallop[0]), F) < 0.7 * mrms(P, F, transferred, F)
 
 
+@pytest.mark.slow
 def test_a_plan_is_weakened_to_the_limit_and_not_much_below_it(gallop, gallop_plan):
     limit = 0.4 * mean_mrms(gallop_plan, gallop)
     weaker = limit_mrms(gallop_plan, gallop, limit)
