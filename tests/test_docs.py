@@ -118,7 +118,7 @@ def fix_key(made: bool) -> None:
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `meshmark demo` leaves, in small."""
     folder = tmp_path_factory.mktemp("demo")
-    asset = meshmark.Asset("creature", (creature(points=3000, frames=4),), "memory")
+    asset = meshmark.Asset("creature", (creature(frames=4),), "memory")
     meshmark.write(asset, asset, folder / "creature.usdc")
     return folder
 
