@@ -103,6 +103,9 @@ class Shape:
         self.frames.append(frames_of(np.asarray(points, dtype=np.float64)))
         self._samples.append(np.asarray(points, dtype=np.float64)[self.sampled])
         self._diagonals.append(float(np.linalg.norm(np.ptp(points, axis=0))))
+        # Copies may have been looked for before, among the poses until then.
+        for of_all_poses in ("samples", "diagonals"):
+            vars(self).pop(of_all_poses, None)
 
     @cached_property
     def sampled(self) -> IntArray:

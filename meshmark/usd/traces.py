@@ -98,7 +98,14 @@ class Traces:
                 return mesh.local(time).astype(np.float64)
 
             self.shapes[prim] = Shape(len(points), corners, read)
-        self.shapes[prim].add(time, points.astype(np.float64))
+        if time != REST or not self._shows(prim, points.astype(np.float64)):
+            self.shapes[prim].add(time, points.astype(np.float64))
+
+    def _shows(self, prim: str, rest: FloatArray) -> bool:
+        """Tell whether a frame shows a rest pose (N, 3): copies of it are then that frame's."""
+        shape = self.shapes[prim]
+        matches = find_in_order(rest, shape, np.arange(len(rest)), shape.sampled)
+        return any(match.residual <= EXACT for match in matches)
 
     def witness(self, prim: str) -> Witness:
         """Return what remembers each frame of a prim as it is authored."""
@@ -171,7 +178,7 @@ def _in_order(numbers: FloatArray, known: Iterable[tuple[str, Shape]], place: Pl
 def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
     """Put marked points wherever a flattened layer holds an image of the same points unmarked.
 
-    A default beside the time samples of a marked prim's points is removed, unless it is marked.
+    A default beside the time samples of a marked prim's points is removed.
 
     Returns
     -------
@@ -194,12 +201,10 @@ def replace_traces(layer: Sdf.Layer, traces: Traces) -> list[Moved]:
         return array, set()
 
     own = {f"{prim}.points" for prim in traces.shapes}
-    for prim, shape in traces.shapes.items():
-        path = f"{prim}.points"
-        # A rest pose was marked as well.
-        if layer.GetNumTimeSamplesForPath(path) and REST not in shape.times:
-            layer.GetAttributeAtPath(path).ClearDefaultValue()
     found = sorted(Moved(path, prim) for path, prim in rewrite_numbers(layer, moved))
+    for path in own:
+        if layer.GetNumTimeSamplesForPath(path):
+            layer.GetAttributeAtPath(path).ClearDefaultValue()
     for path in dict.fromkeys(each.path for each in found):
         _fit_extent(layer, path)
     return found

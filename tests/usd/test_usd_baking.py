@@ -222,6 +222,30 @@ def test_copies_of_the_rest_pose_are_marked_in_a_deliverable(tmp_path: Path) -> 
     assert [each.kind for each in check_stage(source)] == []
 
 
+@pytest.mark.parametrize("bends", [BENDS, {1.0: 20.0, 2.0: 45.0}], ids=["shown", "not shown"])
+def test_whether_a_frame_shows_the_rest_pose_or_not_check_finds_nothing(
+    tmp_path: Path, bends: dict[float, float]
+) -> None:
+    """Each frame is marked in its own way, and a frame that is not bent shows the rest pose."""
+    rigged = Rigged.at(tmp_path / "a.usda")
+    mesh = rigged.add_tube()
+    reference = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "Pref", Sdf.ValueTypeNames.Point3fArray, UsdGeom.Tokens.vertex
+    )
+    reference.Set(mesh.GetPointsAttr().Get())
+    rigged.turn_elbow(bends)
+    original = read_stage(rigged.save())
+    write_flattened(original, moved(original), tmp_path / "o.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/man/arm")).GetPointsAttr()
+    kept = np.array(stage.GetPrimAtPath("/man/arm").GetAttribute("primvars:Pref").Get())
+    if bends[1.0] == 0.0:
+        np.testing.assert_allclose(kept, np.array(points.Get(1.0)), atol=1e-6)
+    assert 0.0 < np.abs(kept - tube()[0]).max() < 0.05
+    assert points.Get() is None
+    assert check_stage(str(tmp_path / "o.usda"), ["/man/arm"]) == []
+
+
 def test_a_rig_that_stands_still_is_baked_without_times(tmp_path: Path) -> None:
     rigged = Rigged.at(tmp_path / "a.usda")
     rigged.add_tube()
