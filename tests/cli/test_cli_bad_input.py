@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meshmark.cli import main
+from command_line import command
 from meshmark.errors import CapacityError
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -56,12 +55,7 @@ def run(monkeypatch, capsys, tmp_path):
     Key(bytes(range(32))).save(tmp_path / "k")
 
     def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
+        code = command(monkeypatch, *arguments)
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 

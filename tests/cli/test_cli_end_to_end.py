@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import stat
-import sys
 from pathlib import Path
 
 import jsonschema
@@ -12,8 +11,8 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
+from command_line import command
 from meshmark import read
-from meshmark.cli import main
 from meshmark.commands.attack import write_attacked
 from meshmark.demo import creature
 from meshmark.extension.registry import make_reader
@@ -50,16 +49,6 @@ def seven(studio) -> Path:
         patch.chdir(studio)
         assert command(patch, *embed, "--recipient", "studio 7") == 0
     return studio / "seven.usdc"
-
-
-def command(patch: pytest.MonkeyPatch, *arguments: object) -> int:
-    patch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
-    patch.setenv("MESHMARK_JOBS", "1")
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture

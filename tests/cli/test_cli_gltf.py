@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import jsonschema
 import numpy as np
 import pytest
 
+from command_line import command
 from gltf_files import ball
-from meshmark.cli import main
 from meshmark.keys import Key
 from meshmark.metrics import distortion
 from meshmark.sources.reading import read
@@ -33,12 +32,7 @@ def run(monkeypatch, capsys, tmp_path):
     made.save(tmp_path / "ball.glb")
 
     def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = int(end.code or 0)
+        code = command(monkeypatch, *arguments)
         told = capsys.readouterr()
         return code, told.out, told.err
 

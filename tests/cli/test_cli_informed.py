@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import jsonschema
 import pytest
 
-from meshmark.cli import main
+from command_line import command
 from meshmark.commands.attack import write_attacked
 from meshmark.demo import creature
 from meshmark.keys import Key
@@ -20,16 +19,6 @@ from meshmark.testing.meshes import bent_tube, icosphere
 from meshmark.testing.schemas import schema_folder
 
 MARK = ("--key", "k", "--recipient", "acme")
-
-
-def command(patch: pytest.MonkeyPatch, *arguments: object) -> int:
-    patch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
-    patch.setenv("MESHMARK_JOBS", "1")
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

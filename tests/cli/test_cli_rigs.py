@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pxr import Usd, UsdSkel
 
-from meshmark.cli import main
+from command_line import command
 from meshmark.keys import Key
 from meshmark.testing.informed_schemes import horned
 from rigged_stages import Rigged, baked_by_usd
 
 BENDS = {1: 0.0, 2: 15.0, 3: 40.0}
-
-
-def command(patch: pytest.MonkeyPatch, *arguments: object) -> int:
-    patch.setattr(sys, "argv", ["meshmark", *map(str, arguments)])
-    patch.setenv("MESHMARK_JOBS", "1")
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

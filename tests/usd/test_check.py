@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +13,8 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 from test_usd_traces import BODY, CORNERS, FORMS, LAYER, POINTS, STUDIO, F, T, stage_of, vec3f
 
+from command_line import command
 from folders import FAULTS
-from meshmark.cli import main
 from meshmark.errors import InputError, OutputError
 from meshmark.testing.schemas import schema_folder
 from meshmark.usd import delivery
@@ -34,12 +33,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["meshmark", "check", *arguments])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
+        code = command(monkeypatch, "check", *arguments)
         said = capsys.readouterr()
         return code, said.out, said.err
 
