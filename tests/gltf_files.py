@@ -18,6 +18,7 @@ KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 QUAD = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="f4")
 QUAD_FACES = [[0, 1, 2], [0, 2, 3]]
+QUARTER = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]  # turn about z
 
 
 class GltfFile:
@@ -143,4 +144,23 @@ def ball(subdivisions: int = 1, *, bending: bool = True) -> GltfFile:
         made.animate(3, "rotation", times, turns)
         made.animate(2, "weights", times, np.linspace(0, 1, 9))
     made.animate(1, "translation", times, np.outer(times, [1, 0, 0]))
+    return made
+
+
+def skinned_quad(
+    weights: ArrayLike, dtype: str = "f4", joints: ArrayLike = ((0, 1, 0, 0),) * 4, **members: Any
+) -> GltfFile:
+    """Bind a square to two joints, the second turned a quarter about z."""
+    made = GltfFile()
+    primitive = made.primitive(QUAD, QUAD_FACES)
+    primitive["attributes"]["JOINTS_0"] = made.accessor(joints, "u2")
+    primitive["attributes"]["WEIGHTS_0"] = made.accessor(weights, dtype, **members)
+    made.add("nodes", mesh=made.mesh(primitive), skin=0, translation=[100, 0, 0])
+    made.add("nodes", translation=[1, 0, 0])
+    made.add("nodes", translation=[0, 5, 0], children=[3])
+    made.add("nodes", rotation=QUARTER)
+    away = np.eye(4)
+    away[:3, 3] = [-1, 0, 0]
+    matrices = made.accessor([away.T.reshape(-1), np.eye(4).reshape(-1)])
+    made.add("skins", joints=[1, 3], inverseBindMatrices=matrices)
     return made
