@@ -46,6 +46,14 @@ def test_schemas_are_inside(wheel: zipfile.ZipFile) -> None:
         assert wheel.read(f"meshmark/schemas/json/{path.name}") == path.read_bytes()
 
 
+def test_the_plugin_of_usd_is_inside(wheel: zipfile.ZipFile) -> None:
+    folder = REPOSITORY / "meshmark" / "usd" / "plugin"
+    files = [path for path in folder.iterdir() if path.suffix in (".json", ".usda")]
+    assert len(files) == 3
+    for path in files:
+        assert wheel.read(f"meshmark/usd/plugin/{path.name}") == path.read_bytes()
+
+
 def test_the_creature_is_inside(wheel: zipfile.ZipFile) -> None:
     assert wheel.read("meshmark/demo/creature.npz") == DATA.read_bytes()
 

@@ -92,6 +92,10 @@ def embed(
             "and mark its rest pose.",
         ),
     ] = BAKE,
+    stamp: Annotated[
+        bool,
+        typer.Option("--stamp", help="Say on the marked prims that they are (MeshmarkAPI)."),
+    ] = False,
     every: Annotated[
         bool,
         typer.Option("--all", help="Print every message, not only the first few of each kind."),
@@ -124,6 +128,7 @@ def embed(
             allow_unmarked=allow_unmarked,
             keep_metadata=keep_metadata,
             skel=skel,
+            stamp=stamp,
             dry_run=dry_run,
             trusted=trusted,
             jobs=default_jobs(),

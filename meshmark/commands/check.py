@@ -9,11 +9,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from meshmark.embedding.description import stamps_told
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import InputError
 from meshmark.sources.isolation.reading import isolated
 from meshmark.usd.names import STAGE_SUFFIXES
 from meshmark.usd.reader import UsdReader
+from meshmark.usd.stamp import Stamp
 
 
 def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
@@ -22,7 +24,7 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
     Unless it is trusted, a process of its own looks at it, which it could crash or hang.
 
     Where its manifest lies beside it, the meshes that this says are marked may resemble each
-    other.
+    other, and have the stamps that it tells of.
 
     Returns
     -------
@@ -49,16 +51,19 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
 def _findings(file: str, beat: Callable[[], None] = lambda: None) -> list[dict[str, str]]:
     from meshmark.usd.checking import check_stage
 
-    return [asdict(each) for each in check_stage(file, _marked_meshes(Path(file)), beat)]
+    told = _told(Path(file))
+    return [asdict(each) for each in check_stage(file, *told, beat)]
 
 
-def _marked_meshes(file: Path) -> list[str]:
+def _told(file: Path) -> tuple[list[str], list[Stamp]]:
+    """Read in the manifest which meshes are marked, and which stamps they have."""
     path = manifest_path(file)
     if not path.is_file():
-        return []
+        return [], []
     try:
         document = json.loads(path.read_text())
-        return [str(each["prim"]) for each in document["prims"]]
+        prims = document["prims"]
+        return [str(each["prim"]) for each in prims], list(stamps_told(document).values())
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"is no manifest: {error}", source=path) from None
 

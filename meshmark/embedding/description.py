@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.metrics import distortion
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.facts import texture_coordinates
+from meshmark.usd.stamp import Stamp
 from meshmark.version import __version__
 
 # The false positive rate that what was written is verified at.
@@ -64,6 +66,34 @@ def describe_run(
         "frames": frames,
         "plugins": layers[0].as_json(),
         "layers": [layer.as_json()["scheme"] for layer in layers],
+    }
+
+
+def record_of(document: Mapping[str, Any], marked: MarkedAsset, key: Key) -> str:
+    """Name a run, as `describe_run` tells of it, by 32 hexadecimal digits.
+
+    The same marks in the same source have the same name, wherever the files lie. Nobody can guess
+    it, or what it stands for, without the key.
+    """
+    source = document["source"]
+    said = {
+        **{name: value for name, value in document.items() if name not in ("source", "output")},
+        "files": [each["sha256"] for each in source["files"]],
+        "parameters": source.get("parameters"),
+        "meshes": [mesh.original.prim for mesh in marked.meshes],
+    }
+    return key.derive(f"record/{json.dumps(said, sort_keys=True)}", 16).hex()
+
+
+def stamps_told(document: Mapping[str, Any]) -> dict[str, Stamp]:
+    """Return the stamps a manifest tells of, by mesh; none if it has no record."""
+    if "record" not in document:
+        return {}
+    return {
+        str(prim["prim"]): Stamp(
+            str(document["record"]), tuple(str(layer["scheme"]) for layer in prim["layers"])
+        )
+        for prim in document["prims"]
     }
 
 

@@ -21,7 +21,7 @@ from meshmark.detection.gathering import gather
 from meshmark.detection.verdict import Verdict, jointly
 from meshmark.detection.verify import judge_all, verify_informed
 from meshmark.embedding.asset import MarkedAsset, embed
-from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run
+from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run, record_of
 from meshmark.embedding.manifest import Manifest, announced, manifest_path, output_hashes
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import UsageError
@@ -36,6 +36,8 @@ from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
 from meshmark.usd.names import BAKE, REST_POSE
+from meshmark.usd.reader import UsdReader
+from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
 
@@ -59,6 +61,7 @@ def mark_file(
     allow_unmarked: Sequence[str] = (),
     keep_metadata: bool = False,
     skel: str = BAKE,
+    stamp: bool = False,
     dry_run: bool = False,
     trusted: bool = True,
     jobs: int = 1,
@@ -99,6 +102,9 @@ def mark_file(
         What becomes of rigged meshes of a stage: their posed, marked points are written and their
         rigs taken off; or the rig stays, and its rest pose becomes the one that it poses like the
         marked points, as nearly as it can.
+    stamp : bool
+        Apply the schema `MeshmarkAPI` to the marked meshes of a stage: it says that they are
+        marked, by which schemes, and the record that the manifest has.
     dry_run : bool
         Do everything but write.
     trusted : bool
@@ -126,6 +132,8 @@ def mark_file(
     recipient = None if recipient is None else recipient_name(recipient)
     original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
+    if stamp and not UsdReader().writes(target):
+        raise UsageError("--stamp is for USD files only", source=target)
     write = writer(
         original,
         target,
@@ -175,6 +183,9 @@ def mark_file(
             skel=skel,
         )
         document["skipped"] = _skipped(marked, markable, others, deliver)
+        if stamp:
+            document["record"] = record_of(document, marked, key)
+            write = partial(write, stamps=_stamps(marked, document["record"]))
         require_unchanged(files)
         if dry_run:
             verdict = verify(marked.asset, marked)
@@ -235,11 +246,18 @@ def _skipped(
     return [{"prim": each.prim, "reason": each.reason} for each in skipped]
 
 
+def _stamps(marked: MarkedAsset, record: str) -> dict[str, Stamp]:
+    return {
+        mesh.original.prim: Stamp(record, tuple(layer.scheme for layer in mesh.layers))
+        for mesh in marked.meshes
+    }
+
+
 def _written(
     marked: MarkedAsset,
     target: Path,
     parameters: Mapping[str, Any] | None,
-    write: Callable[[Asset], Delivery | None],
+    write: Callable[..., Delivery | None],
     verified: Callable[[Asset], Verdict],
     jobs: int,
 ) -> dict[str, Any]:

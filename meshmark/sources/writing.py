@@ -61,8 +61,10 @@ def writer(
     deliver: bool = False,
     keep_metadata: bool = False,
     skel: str = BAKE,
-) -> Callable[[Asset], Delivery | None]:
+) -> Callable[..., Delivery | None]:
     """Return what `write` would call with the marked asset, so that a bad output is known early.
+
+    Where it writes USD, it also takes `stamps`; see `meshmark.usd.stamp`.
 
     Raises
     ------

@@ -19,6 +19,8 @@ from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import StagePoints
 from meshmark.usd.prims import mesh_prims
+from meshmark.usd.stamp import Stamp
+from meshmark.usd.stamping import remove_stamps
 from meshmark.usd.traces import Copy, Traces
 
 NAMES_LAYER = "it depends on this layer, or names it"
@@ -47,7 +49,10 @@ class Finding:
 
 
 def check_stage(
-    source: str, marked: Collection[str] = (), beat: Callable[[], None] = lambda: None
+    source: str,
+    marked: Collection[str] = (),
+    stamps: Collection[Stamp] = (),
+    beat: Callable[[], None] = lambda: None,
 ) -> list[Finding]:
     """Look for all that a deliverable must not give away.
 
@@ -57,6 +62,8 @@ def check_stage(
         The file.
     marked : collection of str
         Meshes known to be marked, each by itself: they may resemble each other.
+    stamps : collection of Stamp
+        Those that meshes were meant to have.
     beat : callable
         Called as the work goes on.
 
@@ -81,7 +88,10 @@ def check_stage(
         found |= _layers(layer) | _paths(scratch)
         found |= {
             Finding("metadata", where.strip(), what.strip() or "tells of the origin")
-            for where, _, what in (each.partition(": ") for each in strip_metadata(scratch, stage))
+            for where, _, what in (
+                each.partition(": ")
+                for each in (*strip_metadata(scratch, stage), *remove_stamps(scratch, stamps))
+            )
         }
     return sorted(found)
 

@@ -23,6 +23,8 @@ from meshmark.usd.names import BAKE
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
+from meshmark.usd.stamp import NO_STAMPS, Stamps
+from meshmark.usd.stamping import remove_stamps
 from meshmark.usd.traces import Moved, Traces, replace_traces
 from meshmark.usd.writing import author_marked, require_prim
 
@@ -61,6 +63,7 @@ def write_flattened(
     *,
     keep_metadata: bool = False,
     skel: str = BAKE,
+    stamps: Stamps = NO_STAMPS,
 ) -> Delivery:
     """Write the original's stage as one self-contained file with the points of the marked meshes.
 
@@ -92,6 +95,9 @@ def write_flattened(
         Keep comments, authors, paths and whatever else tells where the stage comes from.
     skel : {"bake", "rest"}
         What becomes of rigged meshes; see `write_override`.
+    stamps : mapping of str to Stamp
+        What meshes, by their paths, are to say of their marks. No other stamp stays, unless
+        metadata is to be kept.
 
     Returns
     -------
@@ -115,12 +121,18 @@ def write_flattened(
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
             lay_over(target.layer, opened.stage, original.source, overlay)
-            traces = _author(target, opened.points, marked, skel)
-        return _export(Usd.Stage.Open(str(overlay)), traces, output, beside, keep_metadata)
+            traces = _author(target, opened.points, marked, skel, stamps)
+        stage = Usd.Stage.Open(str(overlay))
+        return _export(stage, traces, output, beside, keep_metadata, stamps)
 
 
 def _export(
-    stage: Usd.Stage, traces: Traces, output: Path, beside: Path, keep_metadata: bool
+    stage: Usd.Stage,
+    traces: Traces,
+    output: Path,
+    beside: Path,
+    keep_metadata: bool,
+    stamps: Stamps,
 ) -> Delivery:
     # The caller holds the stage until the flattened layer is gone: the other way round, every
     # array they share would be copied out of the mapped file.
@@ -130,7 +142,7 @@ def _export(
     if keep_metadata:
         copy_layer_metadata(layer, stage)
     else:
-        removed = strip_metadata(layer, stage)
+        removed = [*strip_metadata(layer, stage), *remove_stamps(layer, stamps.values())]
     moved = replace_traces(layer, traces)
     paths = anchor_asset_paths(layer, stage, output, assets_folder(beside), keep_metadata)
     layer.Export(str(beside))
@@ -138,11 +150,14 @@ def _export(
     return Delivery(tuple(moved), (*removed, *paths.cut), paths.outside)
 
 
-def _author(target: StreamedLayer, points: StagePoints, marked: Asset, skel: str) -> Traces:
+def _author(
+    target: StreamedLayer, points: StagePoints, marked: Asset, skel: str, stamps: Stamps
+) -> Traces:
     traces = Traces(points)
     for mesh in marked.meshes:
         prim = points.stage.GetPrimAtPath(mesh.prim)
-        author_marked(target, points.of(prim), mesh, skel, traces.witness(mesh.prim))
+        stamp, witness = stamps.get(mesh.prim), traces.witness(mesh.prim)
+        author_marked(target, points.of(prim), mesh, skel, stamp, witness)
     return traces
 
 

@@ -6,6 +6,8 @@ from collections import Counter
 
 from pxr import Usd, UsdGeom
 
+from meshmark.usd.stamping import stamp_note
+
 INSTANCED = "inside an instance: cannot be marked in place, only in a flattened deliverable"
 INVISIBLE = "invisible at its first time"
 
@@ -81,4 +83,5 @@ def notes(prim: Usd.Prim) -> tuple[str, ...]:
         f"purpose {purpose}": purpose != UsdGeom.Tokens.default_,
         INVISIBLE: visibility == UsdGeom.Tokens.invisible,
     }
-    return tuple(note for note, applies in said.items() if applies)
+    stamp = stamp_note(prim)
+    return (*(note for note, applies in said.items() if applies), *([stamp] if stamp else []))

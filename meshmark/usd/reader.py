@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from meshmark.arrays import FloatArray
 from meshmark.mesh.asset import Asset
 from meshmark.usd.names import BAKE, LAYER_SUFFIXES, READER, STAGE_SUFFIXES
+from meshmark.usd.stamp import NO_STAMPS, Stamps
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
@@ -52,16 +53,24 @@ class UsdReader:
         """Tell whether the output is called as a layer is."""
         return output.suffix.lower() in LAYER_SUFFIXES
 
-    def write(self, marked: Asset, original: Asset, output: Path, *, skel: str = BAKE) -> None:
+    def write(
+        self,
+        marked: Asset,
+        original: Asset,
+        output: Path,
+        *,
+        skel: str = BAKE,
+        stamps: Stamps = NO_STAMPS,
+    ) -> None:
         """Write a layer over the original's stage; or a new stage, if it is none."""
         if original.reader == READER:
             from meshmark.usd.writing import write_override
 
-            write_override(original, marked, output, skel=skel)
+            write_override(original, marked, output, skel=skel, stamps=stamps)
         else:
             from meshmark.usd.stages import write_stage
 
-            write_stage(original.with_meshes(marked.meshes), output)
+            write_stage(original.with_meshes(marked.meshes), output, stamps)
 
     def deliver(
         self,
@@ -71,6 +80,7 @@ class UsdReader:
         *,
         keep_metadata: bool = False,
         skel: str = BAKE,
+        stamps: Stamps = NO_STAMPS,
     ) -> Delivery | None:
         """Write one file in which no unmarked point is left.
 
@@ -82,8 +92,10 @@ class UsdReader:
         if original.reader == READER:
             from meshmark.usd.delivery import write_flattened
 
-            return write_flattened(original, marked, output, keep_metadata=keep_metadata, skel=skel)
-        self.write(marked, original, output)
+            return write_flattened(
+                original, marked, output, keep_metadata=keep_metadata, skel=skel, stamps=stamps
+            )
+        self.write(marked, original, output, stamps=stamps)
         return None
 
     def written_names(self, original: Asset) -> dict[str, str]:

@@ -15,11 +15,13 @@ from meshmark.mesh.topology import Topology
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent, new_layer
 from meshmark.usd.names import READER
 from meshmark.usd.reading import read_stage
+from meshmark.usd.stamp import NO_STAMPS, Stamps
+from meshmark.usd.stamping import write_stamp
 
 NAMELESS = "Mesh"
 
 
-def write_stage(asset: Asset, output: Path) -> None:
+def write_stage(asset: Asset, output: Path, stamps: Stamps = NO_STAMPS) -> None:
     """Write the meshes of an asset as a new stage that depends on no other file.
 
     Every mesh becomes a `Mesh` prim at its own path, below `Xform` prims that move nothing:
@@ -35,6 +37,8 @@ def write_stage(asset: Asset, output: Path) -> None:
         From any reader.
     output : Path
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
+    stamps : mapping of str to Stamp
+        What meshes, by their paths in the asset, are to say of their marks.
 
     Raises
     ------
@@ -46,6 +50,8 @@ def write_stage(asset: Asset, output: Path) -> None:
         paths = stage_paths(asset)
         for path, mesh in zip(paths, asset.meshes, strict=True):
             _write_mesh(target, path, mesh)
+            if mesh.prim in stamps:
+                write_stamp(target.layer.GetPrimAtPath(path), stamps[mesh.prim])
         if paths:
             target.layer.defaultPrim = paths[0].GetPrefixes()[0].name
 

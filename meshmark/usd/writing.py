@@ -15,9 +15,18 @@ from meshmark.usd.names import BAKE, REST_POSE
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints
 from meshmark.usd.reach import refuse_to_overwrite
+from meshmark.usd.stamp import NO_STAMPS, Stamp, Stamps
+from meshmark.usd.stamping import write_stamp
 
 
-def write_override(original: Asset, marked: Asset, output: Path, *, skel: str = BAKE) -> None:
+def write_override(
+    original: Asset,
+    marked: Asset,
+    output: Path,
+    *,
+    skel: str = BAKE,
+    stamps: Stamps = NO_STAMPS,
+) -> None:
     """Write a layer over the original's file with the points of the marked meshes.
 
     The layer holds only `over` specs with `points` and `extent`, at every time the source has
@@ -37,6 +46,8 @@ def write_override(original: Asset, marked: Asset, output: Path, *, skel: str = 
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
     skel : {"bake", "rest"}
         Whether rigged meshes are baked, or keep their rigs, and have their rest poses marked.
+    stamps : mapping of str to Stamp
+        What meshes, by their paths, are to say of their marks.
 
     Raises
     ------
@@ -59,7 +70,7 @@ def write_override(original: Asset, marked: Asset, output: Path, *, skel: str = 
     with new_layer(output) as target:
         lay_over(target.layer, stage, original.source, output)
         for prim, mesh in pairs:
-            author_marked(target, opened.points.of(prim), mesh, skel)
+            author_marked(target, opened.points.of(prim), mesh, skel, stamps.get(mesh.prim))
 
 
 def author_marked(
@@ -67,12 +78,18 @@ def author_marked(
     points: MeshPoints,
     marked: MeshAnimation,
     skel: str,
+    stamp: Stamp | None = None,
     witness: Witness | None = None,
 ) -> None:
-    """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose."""
+    """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose.
+
+    And a stamp, if it is to have one.
+    """
     rest = skel == REST_POSE and points.rig is not None
     author = author_marked_rest if rest else author_marked_points
     author(target, points, marked, witness)
+    if stamp is not None:
+        write_stamp(target.layer.GetPrimAtPath(marked.prim), stamp)
 
 
 def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:
