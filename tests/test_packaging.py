@@ -47,11 +47,13 @@ def test_schemas_are_inside(wheel: zipfile.ZipFile) -> None:
 
 
 def test_the_plugin_of_usd_is_inside(wheel: zipfile.ZipFile) -> None:
-    folder = REPOSITORY / "meshmark" / "usd" / "plugin"
-    files = [path for path in folder.iterdir() if path.suffix in (".json", ".usda")]
-    assert len(files) == 3
-    for path in files:
-        assert wheel.read(f"meshmark/usd/plugin/{path.name}") == path.read_bytes()
+    files = [
+        "usd/plugin/plugInfo.json",
+        "usd/plugin/generatedSchema.usda",
+        "usd/plugin/schema.usda",
+    ]
+    for name in (*files, "validation/plugInfo.json"):
+        assert wheel.read(f"meshmark/{name}") == (REPOSITORY / "meshmark" / name).read_bytes()
 
 
 def test_the_creature_is_inside(wheel: zipfile.ZipFile) -> None:

@@ -1,25 +1,25 @@
-"""Looks at a file that is to leave the house, or has left it, from outside."""
+"""Looks at a file that is to leave the house, or has left it, and at what was marked before."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from meshmark.embedding.description import stamps_told
-from meshmark.embedding.manifest import manifest_path
+from meshmark.embedding.upkeep import stale, told_of, unmarked_frames
 from meshmark.errors import InputError
+from meshmark.mesh.asset import Asset
 from meshmark.sources.isolation.reading import isolated
+from meshmark.sources.reading import read
+from meshmark.usd.findings import Finding
 from meshmark.usd.names import STAGE_SUFFIXES
 from meshmark.usd.reader import UsdReader
-from meshmark.usd.stamp import Stamp
 
 
 def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
-    """List what a deliverable gives away: shapes, layers, paths and words.
+    """List what a stage gives away, as a deliverable must not, and what is wrong with its marks.
 
     Unless it is trusted, a process of its own looks at it, which it could crash or hang.
 
@@ -43,33 +43,77 @@ def check_file(file: str | Path, *, trusted: bool = False) -> dict[str, Any]:
     if not Path(name).is_file():
         raise InputError("no such file", source=name)
     if trusted:
-        return {"file": name, "findings": _findings(name)}
-    with isolated(__name__, name) as (report, _):
-        return {"file": name, "findings": list(report["findings"])}
+        seen = _look(name)
+    else:
+        with isolated(__name__, name) as (report, _):
+            seen = {"findings": list(report["findings"]), "meshes": bool(report["meshes"])}
+    found = seen["findings"]
+    if seen["meshes"]:
+        found += map(asdict, unmarkable_in(name, trusted=trusted))
+    return {"file": name, "findings": sorted(found, key=lambda each: tuple(each.values()))}
 
 
-def _findings(file: str, beat: Callable[[], None] = lambda: None) -> list[dict[str, str]]:
+def given_away(file: str, beat: Callable[[], None] = lambda: None) -> list[Finding]:
+    """List what a stage gives away; see `meshmark.usd.checking`."""
     from meshmark.usd.checking import check_stage
 
-    told = _told(Path(file))
-    return [asdict(each) for each in check_stage(file, *told, beat)]
+    told = told_of(Path(file))
+    return check_stage(file, told.marked, told.stamps, beat)
 
 
-def _told(file: Path) -> tuple[list[str], list[Stamp]]:
-    """Read in the manifest which meshes are marked, and which stamps they have."""
-    path = manifest_path(file)
-    if not path.is_file():
-        return [], []
+def stale_in(file: str, beat: Callable[[], None] = lambda: None) -> list[Finding]:
+    """List the marked files a stage is made of whose sources are not what was marked."""
+    return [each for path in UsdReader().files(file) for each in stale(path, beat)]
+
+
+def unmarked_frames_in(file: str) -> list[Finding]:
+    """List the marked meshes of a stage of which some frames hold no mark."""
+    from meshmark.usd.checking import frames_without_mark
+
+    files = UsdReader().files(file)
+    marked = {prim for path in files for prim in told_of(path).marked}
+    told = [each for path in files for each in unmarked_frames(path)]
+    return [*told, *frames_without_mark(file, marked)]
+
+
+def unmarkable_in(file: str, *, trusted: bool = True) -> list[Finding]:
+    """List the meshes of a stage that can hold no mark of the default layers.
+
+    Those that its manifest says are marked, or are not, are known.
+    """
+    told = told_of(Path(file))
+    known = {*told.marked, *told.skipped}
     try:
-        document = json.loads(path.read_text())
-        prims = document["prims"]
-        return [str(each["prim"]) for each in prims], list(stamps_told(document).values())
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"is no manifest: {error}", source=path) from None
+        asset = read(file, isolated=not trusted)
+    except InputError as error:
+        if error.prim is None:
+            raise
+        return [] if error.prim in known else [Finding("unmarkable", error.prim, error.message)]
+    return list(_unmarkable(asset, known))
+
+
+def _unmarkable(asset: Asset, known: set[str]) -> Iterable[Finding]:
+    # A process that only looks has no use for schemes.
+    from meshmark.commands.inspect import why_not
+
+    for each in asset.left_out:
+        if not each.guide and each.prim not in known:
+            yield Finding("unmarkable", each.prim, each.reason)
+    for mesh in asset.meshes:
+        reason = None if mesh.prim in known else why_not(mesh)
+        if reason is not None:
+            yield Finding("unmarkable", mesh.prim, reason)
+
+
+def _look(file: str, beat: Callable[[], None] = lambda: None) -> dict[str, Any]:
+    from meshmark.usd.checking import has_meshes
+
+    found = [*given_away(file, beat), *stale_in(file, beat), *unmarked_frames_in(file)]
+    return {"findings": [asdict(each) for each in found], "meshes": has_meshes(file)}
 
 
 if __name__ == "__main__":
     from meshmark.sources.isolation.child import Child
 
     child = Child(Path(sys.argv[1]), sys.argv[2])
-    child.run(lambda: {"findings": _findings(child.source, child.beat)})
+    child.run(lambda: _look(child.source, child.beat))

@@ -74,6 +74,28 @@ def _prim(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
     return {**entry, **best, "layers": told}
 
 
+def why_not(
+    animation: MeshAnimation, recipe: Recipe | Sequence[Recipe] | None = None
+) -> str | None:
+    """Say why a mesh can hold no mark of any of some schemes; None if it can hold one."""
+    bad = dict(bad_frames(animation))
+    try:
+        _require_marking(animation, bad.values())
+        fit = [index for index in range(len(animation)) if index not in bad]
+        require_precision(animation, animation[fit[0]])
+    except (CapacityError, InputError) as error:
+        return error.message
+    sound = animation.select(fit)
+    reasons = []
+    # Informed schemes come last, and are the quickest to ask.
+    for layer in reversed(in_order(recipe)):
+        found = _layer(animation, sound, fit[0], layer)
+        if found["can_hold"]:
+            return None
+        reasons.append(f"{layer.scheme}: {found['reason']}")
+    return "; ".join(reasons)
+
+
 def _layer(
     animation: MeshAnimation, sound: MeshAnimation, index: int, recipe: Recipe
 ) -> dict[str, Any]:

@@ -3,49 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, UsdUtils
+from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError, OutputError
 from meshmark.usd.diagnostics import caught
+from meshmark.usd.findings import Finding
 from meshmark.usd.geometry import REST
 from meshmark.usd.metadata import strip_metadata
 from meshmark.usd.numbers import Numbers, Place, readings, rewrite_numbers
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import StagePoints
-from meshmark.usd.prims import mesh_prims
+from meshmark.usd.prims import is_guide, mesh_prims
 from meshmark.usd.stamp import Stamp
-from meshmark.usd.stamping import remove_stamps
+from meshmark.usd.stamping import is_stamped, remove_stamps
 from meshmark.usd.traces import Copy, Traces
 
 NAMES_LAYER = "it depends on this layer, or names it"
 # What rounding leaves may be this much more than is expected of it.
 ROUNDING = 1.5
-
-
-@dataclass(frozen=True, order=True)
-class Finding:
-    """Something a file gives away.
-
-    Parameters
-    ----------
-    kind : str
-        `copy`, a second copy of a mesh's shape; `layer`, a file it depends on; `path`, a path
-        that leads out of its folder; `metadata`, words on its origin.
-    where : str
-        The prim, property or metadata; the path itself for `layer` and `path`.
-    what : str
-        In words.
-    """
-
-    kind: str
-    where: str
-    what: str
 
 
 def check_stage(
@@ -94,6 +74,50 @@ def check_stage(
             )
         }
     return sorted(found)
+
+
+def has_meshes(source: str) -> bool:
+    """Tell whether a stage shows a mesh that somebody might want to mark."""
+    stage = open_stage(source).stage
+    with caught(source):
+        return any(not is_guide(prim) for prim in mesh_prims(stage))
+
+
+def frames_without_mark(source: str, marked: Collection[str]) -> list[Finding]:
+    """List the marked meshes that weaker layers have points of at times the strongest has not.
+
+    A source grew, and the layer over it hides the frames it does not know.
+
+    Parameters
+    ----------
+    marked : collection of str
+        Meshes known to be marked, besides those that are stamped.
+    """
+    stage = open_stage(source).stage
+    found = []
+    with caught(source):
+        for prim in mesh_prims(stage):
+            if str(prim.GetPath()) in marked or is_stamped(prim):
+                hidden = _hidden_times(UsdGeom.Mesh(prim).GetPointsAttr())
+                if hidden:
+                    what = f"hides {len(hidden)} frames of its source, {min(hidden):g} first"
+                    found.append(Finding("frames", str(prim.GetPath()), what))
+    return found
+
+
+def _hidden_times(points: Usd.Attribute) -> set[float]:
+    """Return the times at which weaker layers have points, and the strongest has none."""
+    shown = points.GetTimeSamples()
+    if not shown:
+        return set()
+    stack = points.GetPropertyStackWithLayerOffsets()
+    below = (
+        offset * time
+        for spec, offset in stack
+        for time in spec.layer.ListTimeSamplesForPath(spec.path)
+    )
+    # Times that an offset has moved are rounded.
+    return {time for time in below if not np.isclose(shown, time, rtol=1e-9, atol=1e-9).any()}
 
 
 def require_no_traces(file: Path, traces: Traces, output: Path) -> None:

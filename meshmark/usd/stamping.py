@@ -31,10 +31,15 @@ def write_stamp(prim: Sdf.PrimSpec, stamp: Stamp) -> None:
     Sdf.AttributeSpec(prim, SCHEMES, types.TokenArray, uniform).default = list(stamp.schemes)
 
 
-def stamp_note(prim: Usd.Prim) -> str | None:
-    """Say what the stamp of a prim says, if it has one; USD need not know the schema."""
+def is_stamped(prim: Usd.Prim) -> bool:
+    """Tell whether a prim has a stamp, of whatever kind; USD need not know the schema."""
     schemas = prim.GetMetadata(SCHEMAS)
-    if not isinstance(schemas, Sdf.TokenListOp) or API not in schemas.GetAddedOrExplicitItems():
+    return isinstance(schemas, Sdf.TokenListOp) and API in schemas.GetAddedOrExplicitItems()
+
+
+def stamp_note(prim: Usd.Prim) -> str | None:
+    """Say what the stamp of a prim says, if it has one."""
+    if not is_stamped(prim):
         return None
     found = _stamp(prim.GetAttribute(RECORD).Get(), prim.GetAttribute(SCHEMES).Get())
     if found is None:
