@@ -39,7 +39,9 @@ from meshmark.mesh.geometry import edge_length, face_areas
 IDENTITY, PCA, FEATURES = "identity", "pca", "features"
 # Vertices that rough and exact placements are computed from, at most, and their rounds.
 ROUGH, ROUGH_ROUNDS = 600, 12
-EXACT, EXACT_ROUNDS = 12_000, 30
+EXACT, EXACT_ROUNDS = 4_000, 30
+# Vertices that tell how well a placement fits, at most.
+TELLING = 12_000
 # Vertices cover what is nearer than this quantile of edges is long.
 LONG = 0.95
 # Paired vertices may slide along the surface.
@@ -250,7 +252,7 @@ class Search:
         return self._fit(frame, found)
 
     def _fit(self, frame: CopyFrame, placement: Placement, slip: float = 0.0) -> Fit:
-        some, original = frame.some(EXACT), self._original
+        some, original = frame.some(TELLING), self._original
         rest = self._refinement(some, ClosestAt(original), np.inf).rest(placement)
         lies = rest.agree & (rest.distances < NEAR)
         if lies.sum() < 4:

@@ -114,10 +114,10 @@ class Relief:
 
     def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> Treatment:
         """Choose the smoothing or subdivision that explains a copy best, by what is left."""
-        samples = [_sample(view) for view in views]
+        sample = min(map(_sample, views), key=lambda view: heights(view).deviation)
 
         def left(treatment: Treatment) -> float:
-            return min(heights(view, treatment).deviation for view in samples)
+            return heights(sample, treatment).deviation
 
         finer = subdivisions(len(views[0].reference.points), len(views[0].points))
         known = {each: left(each) for each in (NONE, *finer, *chain.from_iterable(KINDS))}
