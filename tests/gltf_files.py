@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from meshmark.testing.meshes import icosphere
@@ -163,4 +164,19 @@ def skinned_quad(
     away[:3, 3] = [-1, 0, 0]
     matrices = made.accessor([away.T.reshape(-1), np.eye(4).reshape(-1)])
     made.add("skins", joints=[1, 3], inverseBindMatrices=matrices)
+    return made
+
+
+def draco_quad() -> GltfFile:
+    """Compress a quad by Draco, where that is installed."""
+    draco = pytest.importorskip("DracoPy", reason="DracoPy, an optional library, is absent")
+    made = quad()
+    primitive = made.json["meshes"][0]["primitives"][0]
+    packed = draco.encode(QUAD, faces=np.array(QUAD_FACES), preserve_order=True)
+    [number] = [each["unique_id"] for each in draco.decode(packed).attributes]
+    extension = {"bufferView": made.view(packed), "attributes": {"POSITION": number}}
+    primitive["extensions"] = {"KHR_draco_mesh_compression": extension}
+    made.json["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    for accessor in made.json["accessors"]:
+        del accessor["bufferView"]
     return made

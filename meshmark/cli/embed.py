@@ -47,6 +47,14 @@ def embed(
     frames: FramesOption = None,
     clip: ClipOption = None,
     fps: FpsOption = None,
+    uncompress: Annotated[
+        bool,
+        typer.Option(
+            "--uncompress",
+            help="Write plain floats into a glTF file whose vertices are compressed, quantised or "
+            "sparse.",
+        ),
+    ] = False,
     strength: Annotated[
         float | None,
         typer.Option(help="How far each chip is driven, in bins; the scheme's default."),
@@ -120,7 +128,7 @@ def embed(
             secret,
             recipe=layers,
             prims=prim,
-            parameters=reader_parameters(clip, fps),
+            parameters=reader_parameters(clip, fps, uncompress=uncompress),
             frames=frames,
             recipient=None if recipient is None else _name(recipient),
             master=master,

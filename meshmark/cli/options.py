@@ -55,13 +55,15 @@ TrustedOption = Annotated[
 SeedOption = Annotated[int, typer.Option(help="Seed of the random numbers.")]
 
 
-def reader_parameters(clip: str | None, fps: float | None) -> dict[str, Any]:
+def reader_parameters(
+    clip: str | None, fps: float | None, *, uncompress: bool = False
+) -> dict[str, Any]:
     """Return the parameters of a reader that options give it."""
     from meshmark.errors import UsageError
 
     if fps is not None and not fps > 0:
         raise UsageError(f"--fps must be positive, not {fps:g}")
-    given = {"clip": clip, "fps": fps}
+    given = {"clip": clip, "fps": fps, "uncompress": uncompress or None}
     return {name: value for name, value in given.items() if value is not None}
 
 

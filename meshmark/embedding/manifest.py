@@ -17,6 +17,7 @@ from typing import Any
 
 from meshmark.errors import InputError
 from meshmark.files.atomic import write_bytes, write_json
+from meshmark.files.places import data_files
 from meshmark.files.reading import read_small
 from meshmark.sources.digests import sha256
 
@@ -57,14 +58,14 @@ def manifest_path(output: Path) -> Path:
 
 
 def output_hashes(output: Path) -> Hashes:
-    """Hash an output, a file or each file of a folder; nothing if it is missing.
+    """Hash an output, a file and its data, or each file of a folder; nothing if it is missing.
 
     Returns
     -------
     list of {"file", "sha256"}
         Names are relative to the folder that the output is in.
     """
-    files = sorted(output.iterdir()) if output.is_dir() else [output]
+    files = sorted(output.iterdir()) if output.is_dir() else [output, *data_files(output)]
     return [
         {"file": file.relative_to(output.parent).as_posix(), "sha256": sha256(file)}
         for file in files
@@ -150,8 +151,11 @@ def _same(told: Any, standing: Hashes) -> bool:
     return _by_name(told) == _by_name(standing)
 
 
-def _by_name(files: Hashes) -> dict[str, Any]:
-    return {str(each.get("file")).partition("/")[2]: each.get("sha256") for each in files}
+def _by_name(files: Hashes) -> list[tuple[str, str]]:
+    """List names within the folder that an output is, if it is one, and hashes."""
+    return sorted(
+        (str(each.get("file")).partition("/")[2], str(each.get("sha256"))) for each in files
+    )
 
 
 def _content(path: Path) -> bytes | None:

@@ -80,8 +80,8 @@ class SourceReader(Reader, Protocol):
         """
         ...
 
-    def require_writable(self, source: str) -> None:
-        """Refuse, with a `UsageError`, a source that cannot be written back.
+    def require_writable(self, source: str, output: Path) -> None:
+        """Refuse, with a `UsageError`, a source that cannot be written back to an output.
 
         Asked before any work is done. Without it, none is refused.
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from glob import escape
 from pathlib import Path
 
 from meshmark.errors import OutputError
@@ -15,6 +16,16 @@ USUAL_NAME_BYTES = 255
 def assets_folder(output: Path) -> Path:
     """Return the folder beside a deliverable that files out of packages are copied into."""
     return output.with_name(f"{output.name}.assets")
+
+
+def data_file(output: Path, index: int) -> Path:
+    """Return the file beside an output that holds part `index` of its data, if it needs any."""
+    return output.with_name(f"{output.name}.{index}.bin")
+
+
+def data_files(output: Path) -> list[Path]:
+    """List the files of an output's data that are beside it, sorted."""
+    return sorted(output.parent.glob(f"{escape(output.name)}.*.bin"))
 
 
 def require_apart(outputs: Iterable[Path], files: Iterable[Path]) -> None:

@@ -57,11 +57,11 @@ class PluginReader:
         found: FloatArray | None = None if own is None else own(source, prim)
         return found
 
-    def require_writable(self, source: str) -> None:
+    def require_writable(self, source: str, output: Path) -> None:
         """Ask the reader, or refuse nothing."""
         own = getattr(self.reader, "require_writable", None)
         if own is not None:
-            own(source)
+            own(source, output)
 
     def writes(self, output: Path) -> bool:
         """Ask the reader."""

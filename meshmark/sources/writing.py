@@ -84,7 +84,7 @@ def writer(
             f"the {original.reader} reader cannot write to {str(output)!r}; "
             f"{', '.join(LAYER_SUFFIXES)} always can be"
         )
-    reader.require_writable(original.source)
+    reader.require_writable(original.source, path)
     return partial(reader.write, original=original, output=path)
 
 

@@ -46,7 +46,7 @@ class UsdReader:
 
         return read_texture_coordinates(source, prim)
 
-    def require_writable(self, source: str) -> None:
+    def require_writable(self, source: str, output: Path) -> None:
         """Refuse nothing."""
 
     def writes(self, output: Path) -> bool:

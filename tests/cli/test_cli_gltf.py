@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from command_line import command
-from gltf_files import ball
+from gltf_files import ball, draco_quad
+from meshmark.embedding.manifest import remark
 from meshmark.keys import Key
 from meshmark.metrics import distortion
 from meshmark.sources.reading import read
@@ -91,6 +92,19 @@ def test_a_copy_in_the_format_of_the_source_holds_the_mark(run):
     assert np.abs(other[0].points - read("ball.glb").meshes[0][0].points).max() > 0
 
 
+@pytest.mark.slow
+def test_what_is_beside_a_copy_belongs_to_its_manifest(run, tmp_path):
+    code, out, _ = run("embed", "ball.glb", "-o", "out.gltf", *MARK, "--uncompress", "--json")
+    document = json.loads(out)
+    assert code == 0
+    jsonschema.validate(document, SCHEMA)
+    assert document["source"]["parameters"] == {"uncompress": True}
+    assert [each["file"] for each in document["output_files"]] == ["out.gltf", "out.gltf.0.bin"]
+    assert remark(tmp_path / "out.gltf") is None
+    (tmp_path / "out.gltf.0.bin").write_bytes(b"another")
+    assert "is of another file" in remark(tmp_path / "out.gltf")
+
+
 def test_inspect_tells_of_clips_and_frames(run):
     code, out, _ = run("inspect", "ball.glb", "--scheme", "relief")
     assert code == 0
@@ -115,10 +129,10 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
     ("arguments", "wanted"),
     [
         (
-            ("embed", "ball.glb", "-o", "x.gltf", *MARK),
-            "the gltf reader cannot write to 'x.gltf'; .usd, .usda, .usdc always can be",
+            ("embed", "packed.glb", "-o", "x.glb", *MARK),
+            "is compressed by Draco, which is only read; --uncompress writes it plain",
         ),
-        (("embed", "ball.gltf", "-o", "x.glb", *MARK), "only binary glTF (.glb) is written back"),
+        (("embed", "cube.usda", "-o", "x.usda", *MARK, "--uncompress"), "takes no uncompress"),
         (("embed", "ball.glb", "-o", "x.glb", *MARK, "--deliver"), "--deliver writes one of"),
         (("attack", "noise", "ball.glb", "-o", "x.glb"), "an attack's result is one of"),
         (
@@ -137,7 +151,7 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
 )
 def test_what_cannot_be_done_is_one_line(run, tmp_path, arguments, wanted):
     write_text(tmp_path / "cube.usda", cube("m"))
-    ball().save(tmp_path / "ball.gltf")
+    draco_quad().save(tmp_path / "packed.glb")
     before = set(tmp_path.iterdir())
     code, out, told = run(*arguments)
     assert code == 2

@@ -38,6 +38,14 @@ class Accessors:
         """Return how many elements an accessor says it has."""
         return self.elements[index].integer("count", low=1)
 
+    def width(self, index: int) -> int:
+        """Return how many numbers an element of an accessor has."""
+        return WIDTHS[self.elements[index].one_of("type", list(WIDTHS))]
+
+    def values(self, index: int, *, stored: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return numbers as they are stored, (N, width); see `numbers`."""
+        return self._values(self.elements[index], self.width(index), None, stored)
+
     def numbers(
         self,
         index: int,
@@ -103,7 +111,7 @@ class Accessors:
                 found = " x ".join(map(str, stored.shape))
                 raise InputError(f"{accessor.place}: {found} numbers were compressed")
             return stored
-        dtype = _dtype(accessor)
+        dtype = stored_type(accessor)
         sparse = accessor.object("sparse") if "sparse" in accessor else None
         if "bufferView" in accessor:
             values = self._dense(accessor, dtype, claimed, width)
@@ -146,22 +154,32 @@ class Accessors:
         values: NDArray[Any] | None,
     ) -> NDArray[Any]:
         """Put in the elements that are listed one by one."""
-        listed = sparse.integer("count", low=1, high=count)
-        where, what = sparse.object("indices"), sparse.object("values")
-        kind = _dtype(where)
-        if kind.str.replace("|", "<") not in UNSIGNED:
-            where.fail("componentType", "is not of unsigned integers")
-        indices = self._dense(where, kind, listed, 1)[:, 0]
-        if indices.max() >= count:
-            raise InputError(f"{where.place}: {indices.max()} is out of range for {count} elements")
-        replaced = self._dense(what, dtype, listed, width)
+        indices = self._listed(sparse, count)
+        replaced = self._dense(sparse.object("values"), dtype, len(indices), width)
         if values is None:
             values = np.zeros((count, width), dtype=dtype)
         values[indices] = replaced
         return values
 
+    def listed(self, index: int) -> IntArray:
+        """Return which elements of a sparse accessor are listed one by one, (L,)."""
+        accessor = self.elements[index]
+        return self._listed(accessor.object("sparse"), accessor.integer("count", low=1))
 
-def _dtype(element: Element) -> np.dtype[Any]:
+    def _listed(self, sparse: Element, count: int) -> IntArray:
+        listed = sparse.integer("count", low=1, high=count)
+        where = sparse.object("indices")
+        kind = stored_type(where)
+        if kind.str.replace("|", "<") not in UNSIGNED:
+            where.fail("componentType", "is not of unsigned integers")
+        indices = self._dense(where, kind, listed, 1)[:, 0]
+        if indices.max() >= count:
+            raise InputError(f"{where.place}: {indices.max()} is out of range for {count} elements")
+        return indices
+
+
+def stored_type(element: Element) -> np.dtype[Any]:
+    """Return the type of the numbers of an accessor, or of what is sparse in one."""
     number = element.integer("componentType", high=LARGEST)
     if number not in TYPES:
         element.fail("componentType", f"is {number}, which is no type of glTF")

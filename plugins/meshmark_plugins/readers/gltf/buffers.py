@@ -47,6 +47,11 @@ class Buffers:
             self._views[index] = self._view(self.views[index])
         return self._views[index]
 
+    def data(self, index: int) -> memoryview | None:
+        """Return the bytes of a buffer; None if there are none, as of one for old readers only."""
+        has_none = "uri" not in self._buffers[index] and (index > 0 or self._binary is None)
+        return None if has_none else self._buffer(index)
+
     def stride(self, index: int) -> int | None:
         """Return how far apart the elements of a view are, in bytes; None if they are dense."""
         view = self.views[index]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.extra import missing
@@ -66,3 +68,28 @@ def _plain(packed: Element, fallback: Callable[[], memoryview]) -> memoryview:
         return fallback()
     except InputError:
         raise missing(packed.place, "meshoptimizer", "meshopt") from None
+
+
+def compressed(data: bytes, stride: int) -> bytes:
+    """Encode rows of a view of attributes.
+
+    Parameters
+    ----------
+    data : bytes
+        Some rows.
+    stride : int
+        Bytes of a row, see `writable`.
+    """
+    from meshopt import encode_gltf_buffer
+
+    rows = np.frombuffer(data, np.uint8).reshape(-1, stride)
+    return bytes(encode_gltf_buffer(rows, "ATTRIBUTES"))
+
+
+def writable(packed: Element) -> bool:
+    """Tell whether a view can be encoded again: whether it is of attributes, of sound size.
+
+    Its count and stride were compared with its length when it was decoded.
+    """
+    stride = packed.integer("byteStride", low=1, high=256)
+    return packed.one_of("mode", MODES) == "ATTRIBUTES" and stride % 4 == 0

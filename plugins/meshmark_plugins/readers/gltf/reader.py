@@ -1,4 +1,4 @@
-"""The reader of glTF files, which writes binary ones back."""
+"""The reader of glTF files, which writes them back."""
 
 from __future__ import annotations
 
@@ -8,20 +8,29 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshmark.errors import InputError, UsageError
+from meshmark.files.places import require_apart
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark_plugins.readers.gltf.clips import Track
-from meshmark_plugins.readers.gltf.container import BINARY_SUFFIX, read_container
+from meshmark_plugins.readers.gltf.container import (
+    BINARY_SUFFIX,
+    TEXT_SUFFIX,
+    Container,
+    read_container,
+)
 from meshmark_plugins.readers.gltf.document import Document, PlacedMesh
 from meshmark_plugins.readers.gltf.frames import GltfFrames
+from meshmark_plugins.readers.gltf.grids import require_fine
+from meshmark_plugins.readers.gltf.output import files_beside
 from meshmark_plugins.readers.gltf.places import find_places
+from meshmark_plugins.readers.gltf.plain import uncompressed
 from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_track
 from meshmark_plugins.readers.gltf.timeline import FASTEST, STILL, Timeline, frames_of
 from meshmark_plugins.readers.gltf.uris import buffer_files, files_named
 from meshmark_plugins.readers.gltf.writing import write_marked
 
 NAME = "gltf"
-SUFFIXES = (BINARY_SUFFIX, ".gltf")
+SUFFIXES = (BINARY_SUFFIX, TEXT_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -38,6 +47,8 @@ class GltfReader:
         Name of the animation to read; the first by default.
     fps : float
         Time codes per second; by default as many as the densest keys of the file.
+    uncompress : bool
+        Write plain floats where the source is compressed, quantised or sparse.
 
     Notes
     -----
@@ -46,6 +57,7 @@ class GltfReader:
 
     clip: str = ""
     fps: float = 0.0
+    uncompress: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.fps <= FASTEST:
@@ -86,13 +98,25 @@ class GltfReader:
         return found
 
     def writes(self, output: Path) -> bool:
-        """Tell whether the output is called as binary glTF files are."""
-        return output.suffix.lower() == BINARY_SUFFIX
+        """Tell whether the output is called as glTF files are."""
+        return output.suffix.lower() in SUFFIXES
 
-    def require_writable(self, source: str) -> None:
-        """Refuse a source whose positions cannot be replaced; see `places.find_places`."""
+    def require_writable(self, source: str, output: Path) -> None:
+        """Refuse a source whose positions cannot be replaced, or would lose a mark.
+
+        See `places.find_places` and `grids.require_fine`.
+
+        Raises
+        ------
+        OutputError
+            If a buffer beside the output would take the place of a file that the source uses.
+        """
+        path = Path(source)
         with _naming(source):
-            find_places(read_container(Path(source)))
+            container = self._to_write(path)
+            find_places(container, path.parent)
+            require_fine(container, path.parent)
+        require_apart(files_beside(output, container.root), self.files_in_reach(source))
 
     def write(self, marked: Asset, original: Asset, output: Path) -> None:
         """Write the source with positions whose frames come nearest; see `writing.write_marked`."""
@@ -104,7 +128,11 @@ class GltfReader:
                 for mesh in marked.meshes
                 if isinstance(frames := plain.get(mesh.prim), GltfFrames)
             ]
-            write_marked(path, read_container(path), pairs, output)
+            write_marked(path, self._to_write(path), pairs, output)
+
+    def _to_write(self, path: Path) -> Container:
+        container = read_container(path)
+        return uncompressed(container, path.parent) if self.uncompress else container
 
     def _read(self, source: str) -> Asset:
         path = Path(source)

@@ -35,6 +35,12 @@ def embedded(uri: str) -> bytes | None:
         raise InputError(f"is not base64: {error}") from None
 
 
+def embedded_head(uri: str) -> str | None:
+    """Return what comes before the data of a data URI in base64; None if it is none."""
+    head = _DATA.match(uri)
+    return None if head is None else head.group()
+
+
 def file_beside(uri: str, folder: Path) -> Path:
     """Return the file that a URI names; it must be in the folder, or below.
 
@@ -71,8 +77,13 @@ def files_named(root: Element, folder: Path) -> list[Path]:
     """List every file that buffers and images name, wherever, and whether it is there or not."""
     found: dict[Path, None] = {}
     for each in (*root.objects("buffers"), *root.objects("images")):
-        uri = each.text("uri", "")
-        name = unquote(uri).replace("\\", "/")
-        if name and not _SCHEME.match(uri) and "\0" not in name:
-            found[folder / name] = None
+        path = any_file(each.text("uri", ""), folder)
+        if path is not None:
+            found[path] = None
     return list(found)
+
+
+def any_file(uri: str, folder: Path) -> Path | None:
+    """Return the file that a URI names, wherever it is; None if it names none."""
+    name = unquote(uri).replace("\\", "/")
+    return folder / name if name and not _SCHEME.match(uri) and "\0" not in name else None

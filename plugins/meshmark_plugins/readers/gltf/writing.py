@@ -1,23 +1,20 @@
-"""Writes a marked copy of a binary glTF file: the same file with other positions."""
+"""Writes a marked copy of a glTF file: the same file with other positions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import UsageError
-from meshmark.files.atomic import written_beside
-from meshmark.files.reading import opened
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.precision import stored
-from meshmark_plugins.readers.gltf.container import Container, rewritten
+from meshmark_plugins.readers.gltf.container import Container
+from meshmark_plugins.readers.gltf.draft import Draft
 from meshmark_plugins.readers.gltf.frames import GltfFrames
-from meshmark_plugins.readers.gltf.places import FLOAT, find_places
+from meshmark_plugins.readers.gltf.output import write_document
+from meshmark_plugins.readers.gltf.places import find_places
 
 # Share of a sum of squares below which a direction does not show in any frame.
 UNSEEN = 1e-12
@@ -50,18 +47,11 @@ def write_marked(
     OutputError
         If it cannot be written, or a position is beyond what float32 holds.
     """
-    places = {place.accessor: place for place in find_places(container)}
-    assert container.binary is not None
-    binary, root = bytearray(container.binary), dict(container.root.members)
-    accessors: list[dict[str, Any]] = [dict(each) for each in root["accessors"]]
+    places = find_places(container, source.parent)
+    draft = Draft(container, source.parent)
     for accessor, move in _moves(meshes).items():
-        points = places[accessor].within(binary)
-        points[:] = stored(points + move, FLOAT, source=output)
-        accessors[accessor] |= _bounds(points)
-    with opened(source) as file:
-        data = rewritten(file.read(), root | {"accessors": accessors}, bytes(binary))
-    with written_beside(output) as file:
-        file.write(data)
+        draft.root["accessors"][accessor] |= places[accessor].move(draft, move, output)
+    write_document(container, draft.root, draft.data(), source.parent, output)
 
 
 def _moves(meshes: Sequence[MarkedFrames]) -> dict[int, FloatArray]:
@@ -106,7 +96,3 @@ def _solved(AtA: FloatArray, Atd: FloatArray) -> FloatArray:
     ridge = np.where(trace > 0, UNSEEN * trace, 1.0)
     moves = np.linalg.solve(AtA + ridge[:, None, None] * np.eye(3), Atd[:, :, None])
     return moves[:, :, 0].astype(np.float64, copy=False)
-
-
-def _bounds(points: NDArray[np.float32]) -> dict[str, list[float]]:
-    return {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}

@@ -1,0 +1,338 @@
+"""Forms in which glTF files hold positions, each written back in its own form, or plainly."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gltf_files import QUAD, QUAD_FACES, GltfFile, ball, draco_quad, quad
+from meshmark.errors import InputError, OutputError, UsageError
+from meshmark.sources.writing import writer
+from meshmark.testing.meshes import icosphere
+from meshmark_plugins.readers.gltf.container import read_container
+from meshmark_plugins.readers.gltf.reader import GltfReader
+
+SHIFT = np.array([0.5, 0.25, 1.0])
+MESHOPT = "EXT_meshopt_compression"
+
+
+def shifted(asset):
+    moved = (mesh.map(lambda frame: frame.moved(frame.points + SHIFT)) for mesh in asset.meshes)
+    return replace(asset, meshes=tuple(moved))
+
+
+def mark(source: str, output: Path, **parameters) -> dict:
+    """Shift the meshes of a file, write it, check what is read back; return the document."""
+    reader = GltfReader(**parameters)
+    asset = reader.read(source)
+    writer(asset, output, parameters=parameters)(shifted(asset))
+    for mesh, found in zip(asset.meshes, GltfReader().read(str(output)).meshes, strict=True):
+        np.testing.assert_allclose(found[0].points, mesh[0].points + SHIFT, atol=1e-6)
+    return dict(read_container(output).root.members)
+
+
+def bounds(accessor: dict) -> list:
+    return [accessor["min"], accessor["max"]]
+
+
+def buffer_file(folder: Path, made: GltfFile) -> str:
+    """Write a text file whose buffer and texture are beside it."""
+    (folder / "my data.bin").write_bytes(bytes(made.data))
+    (folder / "skin.png").write_bytes(b"")
+    made.json["images"] = [{"uri": "skin.png"}, {"uri": "data:image/png;base64,"}]
+    return made.save_with_buffer(folder / "plain.gltf", "my%20data.bin")
+
+
+def test_a_file_beside_the_source_becomes_one_beside_the_output(tmp_path):
+    made = quad()
+    source = buffer_file(tmp_path, made)
+    written = mark(source, tmp_path / "a b.gltf")
+    assert written["buffers"] == [{"byteLength": len(made.data), "uri": "a%20b.gltf.0.bin"}]
+    assert (tmp_path / "my data.bin").read_bytes() == bytes(made.data)
+    assert written["images"] == made.json["images"]
+    data = (tmp_path / "a b.gltf.0.bin").read_bytes()
+    np.testing.assert_array_equal(np.frombuffer(data, "<f4", 12).reshape(4, 3), QUAD + SHIFT)
+    assert data[48:] == bytes(made.data[48:])
+    files = GltfReader().files(str(tmp_path / "a b.gltf"))
+    assert [file.name for file in files] == ["a b.gltf", "a b.gltf.0.bin"]
+
+
+def test_images_are_found_from_another_folder(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    source = buffer_file(tmp_path / "in", quad())
+    written = mark(source, tmp_path / "out" / "marked.gltf")
+    assert written["images"] == [{"uri": "../in/skin.png"}, {"uri": "data:image/png;base64,"}]
+
+
+def test_a_buffer_of_the_source_is_never_written_over(tmp_path):
+    made = quad()
+    (tmp_path / "marked.gltf.0.bin").write_bytes(bytes(made.data))
+    source = made.save_with_buffer(tmp_path / "plain.gltf", "marked.gltf.0.bin")
+    asset = GltfReader().read(source)
+    with pytest.raises(OutputError, match=r"marked.gltf.0.bin: is part of the source"):
+        writer(asset, tmp_path / "marked.gltf")
+    with pytest.raises(OutputError, match=r"marked.gltf.0.bin: is part of the source"):
+        writer(asset, tmp_path / "marked.gltf", parameters={"uncompress": True})
+
+
+def test_a_buffer_that_is_missing_is_named_before_any_work(tmp_path):
+    made = quad()
+    source = buffer_file(tmp_path, made)
+    asset = GltfReader().read(source)
+    (tmp_path / "my data.bin").unlink()
+    with pytest.raises(InputError, match=r"plain.gltf: buffers\[0\].uri names 'my data.bin'"):
+        writer(asset, tmp_path / "marked.gltf")
+
+
+def test_data_in_the_text_stays_in_the_text(tmp_path):
+    made = quad()
+    source = made.save(tmp_path / "plain.gltf")
+    written = mark(source, tmp_path / "marked.gltf")
+    head, data = written["buffers"][0]["uri"].split(",")
+    assert head == "data:application/octet-stream;base64"
+    plain = base64.b64decode(data)
+    assert plain[48:] == bytes(made.data[48:])
+    assert [file.name for file in tmp_path.iterdir() if "bin" in file.name] == []
+    written["buffers"] = json.loads(Path(source).read_text())["buffers"]
+    assert bounds(written["accessors"][0]) == [[0.5, 0.25, 1], [1.5, 1.25, 1]]
+    written["accessors"][0] = made.json["accessors"][0]
+    assert written == json.loads(Path(source).read_text())
+
+
+def test_the_form_follows_the_name_of_the_output(tmp_path):
+    made = quad()
+    text = made.save(tmp_path / "plain.gltf")
+    assert "uri" not in mark(text, tmp_path / "marked.glb")["buffers"][0]
+    binary = made.save(tmp_path / "plain.glb")
+    written = mark(binary, tmp_path / "marked.gltf")
+    assert written["buffers"][0]["uri"] == "marked.gltf.0.bin"
+
+
+GRIDS = [("i2", 32767, True), ("i2", 20000, False), ("u2", 65535, True), ("u2", 60000, False)]
+
+
+def on_grid(dtype: str, most: int, normalized: bool) -> GltfFile:
+    """Put a ball on a grid, which its node undoes."""
+    made = GltfFile(extensionsUsed=["KHR_mesh_quantization"])
+    V, F = icosphere(2)
+    values = np.zeros((len(V), 4), dtype=f"<{dtype}")
+    values[:, :3] = np.rint((V + 1) / 2 * most if dtype[0] == "u" else V * most)
+    view = made.view(values.tobytes(), byteStride=values.strides[0])
+    described = made.describe(values[:, :3], dtype) | {"normalized": normalized}
+    position = made.add("accessors", bufferView=view, **described)
+    faces = made.accessor(np.reshape(F, -1), "u2")
+    mesh = made.mesh({"attributes": {"POSITION": position}, "indices": faces})
+    scale = 1.0 if normalized else 1.0 / most
+    node = {"scale": [scale] * 3}
+    if dtype[0] == "u":
+        node = {"scale": [2 * scale] * 3, "translation": [-1.0] * 3}
+    made.add("nodes", mesh=mesh, name="ball", **node)
+    return made
+
+
+def scattered(asset, size: float):
+    """Move points at random; along no axis beyond what they had."""
+    rng = np.random.default_rng(0)
+    moves = rng.uniform(-size, size, asset.meshes[0][0].points.shape)
+
+    def move(frame):
+        return frame.moved(np.clip(frame.points + moves, -1, 1))
+
+    return replace(asset, meshes=tuple(mesh.map(move) for mesh in asset.meshes))
+
+
+@pytest.mark.parametrize(("dtype", "most", "normalized"), GRIDS)
+def test_quantised_positions_are_rounded_to_their_grid(tmp_path, dtype, most, normalized):
+    made = on_grid(dtype, most, normalized)
+    reader = GltfReader()
+    plain = reader.read(made.save(tmp_path / "plain.glb"))
+    marked = scattered(plain, 0.01)
+    writer(plain, tmp_path / "marked.glb")(marked)
+    [found] = reader.read(str(tmp_path / "marked.glb")).meshes
+    step = 2 / most if dtype[0] == "u" else 1 / most
+    assert np.abs(found[0].points - marked.meshes[0][0].points).max() < 0.501 * step
+    accessor = read_container(tmp_path / "marked.glb").root.members["accessors"][0]
+    data = read_container(tmp_path / "marked.glb").binary
+    values = np.frombuffer(data, f"<{dtype}", 4 * accessor["count"]).reshape(-1, 4)
+    assert bounds(accessor) == [values[:, :3].min(0).tolist(), values[:, :3].max(0).tolist()]
+    # What is between the rows stays.
+    assert not values[:, 3].any()
+
+
+def test_what_leaves_the_grid_stops_at_its_end(tmp_path):
+    made = on_grid("u2", 65535, True)
+    plain = GltfReader().read(made.save(tmp_path / "plain.glb"))
+    writer(plain, tmp_path / "marked.glb")(shifted(plain))
+    [found] = GltfReader().read(str(tmp_path / "marked.glb")).meshes
+    wanted = np.minimum(plain.meshes[0][0].points + SHIFT, 1)
+    np.testing.assert_allclose(found[0].points, wanted, atol=2e-5)
+
+
+def test_a_grid_that_is_too_coarse_for_a_mark_is_told_before_any_work(tmp_path):
+    made = on_grid("i1", 127, True)
+    source = made.save(tmp_path / "plain.glb")
+    plain = GltfReader().read(source)
+    with pytest.raises(
+        UsageError,
+        match=r"plain.glb: meshes\[0\] is on a grid of 0.002 of its size, .*--uncompress w",
+    ):
+        writer(plain, tmp_path / "marked.glb")
+    mark(source, tmp_path / "marked.glb", uncompress=True)
+
+
+def test_quantised_vertices_are_written_as_floats(tmp_path):
+    made = on_grid("i2", 20000, False)
+    normals = made.accessor(np.full((162, 4), 127), "i1", normalized=True)
+    made.json["accessors"][normals]["type"] = "VEC3"
+    made.json["bufferViews"][-1]["byteStride"] = 4
+    texture = made.accessor(np.full((162, 2), 65535), "u2", normalized=True)
+    attributes = made.json["meshes"][0]["primitives"][0]["attributes"]
+    attributes |= {"NORMAL": normals, "TEXCOORD_0": texture}
+    before = bytes(made.data[: 162 * 8])
+    written = mark(made.save(tmp_path / "plain.glb"), tmp_path / "marked.glb", uncompress=True)
+    kinds = [written["accessors"][attributes[name]]["componentType"] for name in attributes]
+    # glTF itself has normalised texture coordinates.
+    assert kinds == [5126, 5126, 5123]
+    assert "extensionsUsed" not in written
+    assert "normalized" not in written["accessors"][normals]
+    assert before not in (tmp_path / "marked.glb").read_bytes()
+
+
+def sparse(made: GltfFile, accessor: int, indices: list[int], values: np.ndarray) -> None:
+    made.json["accessors"][accessor]["sparse"] = {
+        "count": len(indices),
+        "indices": {
+            "bufferView": made.view(np.array(indices, "<u2").tobytes()),
+            "componentType": 5123,
+        },
+        "values": {"bufferView": made.view(np.asarray(values, "<f4").tobytes())},
+    }
+
+
+@pytest.mark.parametrize("uncompress", [False, True])
+def test_sparse_positions_are_written_where_they_are_listed(tmp_path, uncompress):
+    made = quad()
+    sparse(made, 0, [1, 3], QUAD[[1, 3]] + 1)
+    source = made.save(tmp_path / "plain.glb")
+    written = mark(source, tmp_path / "marked.glb", uncompress=uncompress)["accessors"][0]
+    assert ("sparse" in written) is not uncompress
+    assert bounds(written) == [[0.5, 0.25, 1], [2.5, 2.25, 2]]
+
+
+def test_sparse_positions_over_nothing_are_written_where_all_are_listed(tmp_path):
+    made = quad()
+    sparse(made, 0, [0, 1, 2, 3], QUAD)
+    del made.json["accessors"][0]["bufferView"]
+    written = mark(made.save(tmp_path / "plain.glb"), tmp_path / "marked.glb")
+    assert "bufferView" not in written["accessors"][0]
+
+
+def packed_ball(extension: str = MESHOPT, *, fallback: bool = False) -> GltfFile:
+    """Compress the positions of a ball, between other data."""
+    meshopt = pytest.importorskip("meshopt", reason="meshopt, an optional library, is absent")
+    made = ball(2, bending=False)
+    position = made.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    view = made.json["bufferViews"][made.json["accessors"][position]["bufferView"]]
+    begin, length = view["byteOffset"], view["byteLength"]
+    rows = np.frombuffer(bytes(made.data[begin : begin + length]), np.uint8).reshape(-1, 12)
+    where = made.json["bufferViews"][made.view(meshopt.encode_gltf_buffer(rows, "ATTRIBUTES"))]
+    made.json["bufferViews"].pop()
+    told = {"count": len(rows), "byteStride": 12, "mode": "ATTRIBUTES"}
+    view["extensions"] = {extension: {**where, **told}}
+    made.json["extensionsUsed"] = [extension]
+    behind = made.add("nodes", mesh=made.mesh(made.primitive(QUAD, QUAD_FACES)), name="behind")
+    assert behind
+    if not fallback:
+        view |= {"buffer": 1, "byteOffset": 0}
+        made.json["buffers"] = [
+            {"byteLength": len(made.data)},
+            {"byteLength": length, "extensions": {extension: {"fallback": True}}},
+        ]
+    return made
+
+
+@pytest.mark.parametrize("fallback", [False, True])
+@pytest.mark.parametrize("extension", [MESHOPT, "KHR_meshopt_compression"])
+def test_compressed_views_are_compressed_again(tmp_path, extension, fallback):
+    made = packed_ball(extension, fallback=fallback)
+    source = made.save(tmp_path / "plain.glb")
+    plain = GltfReader().read(source)
+    # Noise needs more room than the ball.
+    writer(plain, tmp_path / "marked.glb")(marked := noisy(plain))
+    found = GltfReader().read(str(tmp_path / "marked.glb"))
+    for mesh, other in zip(marked.meshes, found.meshes, strict=True):
+        np.testing.assert_allclose(other[0].points, mesh[0].points, atol=1e-6)
+    before, after = (
+        read_container(tmp_path / name).root.members for name in ("plain.glb", "marked.glb")
+    )
+    position = before["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    view = after["accessors"][position]["bufferView"]
+    packed = after["bufferViews"][view]["extensions"][extension]
+    assert packed["byteLength"] > before["bufferViews"][view]["extensions"][extension]["byteLength"]
+    assert after["buffers"][0]["byteLength"] > before["buffers"][0]["byteLength"]
+    if fallback:
+        view = {**after["bufferViews"][view]}
+        data = read_container(tmp_path / "marked.glb").binary[view["byteOffset"] :]
+        points = np.frombuffer(data, "<f4", view["byteLength"] // 4).reshape(-1, 3)
+        assert bounds(after["accessors"][position]) == [
+            points.min(0).tolist(),
+            points.max(0).tolist(),
+        ]
+
+
+def noisy(asset):
+    """Move points at rest by noise, so that they come back as they are."""
+    rng = np.random.default_rng(0)
+    meshes = []
+    for mesh in asset.meshes:
+        frames = mesh.source
+        V = frames.geometry.vertices
+        points = (V.points + rng.normal(0, 0.01, V.points.shape)).astype(np.float32)
+        geometry = replace(frames.geometry, vertices=replace(V, points=points))
+        meshes.append(replace(mesh, source=replace(frames, geometry=geometry)))
+    return replace(asset, meshes=tuple(meshes))
+
+
+def test_compressed_views_that_shrink_leave_nothing_behind(tmp_path):
+    made = packed_ball()
+    plain = GltfReader().read(made.save(tmp_path / "plain.glb"))
+    writer(plain, tmp_path / "noisy.glb")(noisy(plain))
+    again = GltfReader().read(str(tmp_path / "noisy.glb"))
+    flat = replace(
+        again,
+        meshes=tuple(
+            mesh.map(lambda frame: frame.moved(0 * frame.points)) for mesh in again.meshes
+        ),
+    )
+    writer(again, tmp_path / "flat.glb")(flat)
+    before, after = (read_container(tmp_path / name) for name in ("noisy.glb", "flat.glb"))
+    assert after.root.members["buffers"] == before.root.members["buffers"]
+    GltfReader().read(str(tmp_path / "flat.glb"))
+
+
+def test_compressed_views_are_written_plainly(tmp_path):
+    source = packed_ball().save(tmp_path / "plain.glb")
+    plain = GltfReader(uncompress=True).read(source)
+    writer(plain, tmp_path / "marked.glb", parameters={"uncompress": True})(marked := noisy(plain))
+    written = read_container(tmp_path / "marked.glb").root.members
+    assert "extensions" not in json.dumps(written)
+    assert len(written["buffers"]) == 1
+    found = GltfReader().read(str(tmp_path / "marked.glb"))
+    for mesh, other in zip(marked.meshes, found.meshes, strict=True):
+        np.testing.assert_allclose(other[0].points, mesh[0].points, atol=1e-6)
+
+
+def test_what_draco_compressed_is_written_plainly(tmp_path):
+    made = draco_quad()
+    source = made.save(tmp_path / "plain.glb")
+    plain = GltfReader().read(source)
+    written = mark(source, tmp_path / "marked.glb", uncompress=True)
+    assert "extensions" not in json.dumps(written)
+    [found] = GltfReader().read(str(tmp_path / "marked.glb")).meshes
+    np.testing.assert_array_equal(found[0].faces, plain.meshes[0][0].faces)
