@@ -7,7 +7,14 @@ from typing import Annotated, Any
 import typer
 
 from meshmark.cli.console import put_json, say
-from meshmark.cli.options import FramesOption, JsonOption, TrustedOption
+from meshmark.cli.options import (
+    FramesOption,
+    JsonOption,
+    TrustedOption,
+    VariantOption,
+    parameters_of_copy,
+    reader_parameters,
+)
 
 NOTHING_FITS = 4
 
@@ -18,6 +25,7 @@ def align(
         str, typer.Option("--original", metavar="SOURCE", help="What it may be a copy of.")
     ],
     frames: FramesOption = None,
+    variant: VariantOption = [],  # noqa: B006 (typer makes a new list each time)
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -26,8 +34,9 @@ def align(
     from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
-    ours = read(original, isolated=not trusted)
-    theirs = read(copy, isolated=not trusted)
+    parameters = reader_parameters(variants=variant)
+    ours = read(original, parameters=parameters, isolated=not trusted)
+    theirs = read(copy, parameters=parameters_of_copy(copy, parameters), isolated=not trusted)
     document = align_assets(theirs, ours, frames=frames, jobs=default_jobs())
     if json:
         put_json(document)

@@ -14,6 +14,7 @@ from meshmark.cli.options import (
     SeedOption,
     SourceArgument,
     TrustedOption,
+    VariantOption,
     reader_parameters,
 )
 
@@ -36,6 +37,7 @@ def attack(
     seed: SeedOption = 0,
     clip: ClipOption = None,
     fps: FpsOption = None,
+    variant: VariantOption = [],  # noqa: B006
     trusted: TrustedOption = False,
 ) -> None:
     """Modify SOURCE as a thief, a pipeline or an accident would, and write OUTPUT."""
@@ -44,7 +46,7 @@ def attack(
     from meshmark.sources.reading import read
 
     made = attack_from_text(name, parameters)
-    asset = read(source, parameters=reader_parameters(clip, fps), isolated=not trusted)
+    asset = read(source, parameters=reader_parameters(clip, fps, variant), isolated=not trusted)
     check_output(output, asset, deliver=False)
     attacked = attack_asset(asset, made, seed)
     write_attacked(attacked, output)

@@ -21,6 +21,7 @@ from meshmark.cli.options import (
     SetOption,
     SourceArgument,
     TrustedOption,
+    VariantOption,
     load_key,
     reader_parameters,
 )
@@ -47,6 +48,7 @@ def embed(
     frames: FramesOption = None,
     clip: ClipOption = None,
     fps: FpsOption = None,
+    variant: VariantOption = [],  # noqa: B006
     uncompress: Annotated[
         bool,
         typer.Option(
@@ -128,7 +130,7 @@ def embed(
             secret,
             recipe=layers,
             prims=prim,
-            parameters=reader_parameters(clip, fps, uncompress=uncompress),
+            parameters=reader_parameters(clip, fps, variant, uncompress=uncompress),
             frames=frames,
             recipient=None if recipient is None else _name(recipient),
             master=master,
@@ -146,6 +148,7 @@ def embed(
     if json:
         put_json(document)
     _tell(document, dry_run)
+    few([_told_of_variants(each) for each in document.get("variants", [])], every)
     _tell_delivery(document.get("delivery"), every)
     few([f"{each['prim']}: not marked: {each['reason']}" for each in document["skipped"]], every)
     found = document["verification"]
@@ -187,6 +190,11 @@ def _tell(document: dict[str, Any], dry_run: bool) -> None:
             else f"{prim['prim']}: nothing is found again"
         )
     say("dry run: nothing was written" if dry_run else f"{document['output']}: written")
+
+
+def _told_of_variants(found: dict[str, Any]) -> str:
+    others = ", ".join(found["as_they_are"])
+    return f"{found['prim']}: marked in {' and '.join(found['marked_in'])} only, not in {others}"
 
 
 def _tell_delivery(delivery: dict[str, Any] | None, every: bool) -> None:

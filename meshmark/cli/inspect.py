@@ -16,6 +16,7 @@ from meshmark.cli.options import (
     SetOption,
     SourceArgument,
     TrustedOption,
+    VariantOption,
     reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
@@ -33,6 +34,7 @@ def inspect(
     settings: SetOption = [],  # noqa: B006
     clip: ClipOption = None,
     fps: FpsOption = None,
+    variant: VariantOption = [],  # noqa: B006
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -43,7 +45,7 @@ def inspect(
 
     layers = layers_from_text(scheme, segmenter, geodesic, settings)
     document = inspect_asset(
-        read(source, parameters=reader_parameters(clip, fps), isolated=not trusted), layers
+        read(source, parameters=reader_parameters(clip, fps, variant), isolated=not trusted), layers
     )
     if json:
         put_json(document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,6 +46,15 @@ FpsOption = Annotated[
     float | None,
     typer.Option(help="Frames per second of a glTF file; by default those of its keys."),
 ]
+VariantOption = Annotated[
+    list[str],
+    typer.Option(
+        "--variant",
+        metavar="SET=NAME|PRIM{SET=NAME}",
+        help="Variant of a USD file to select, of all prims that have it or of one; by default, "
+        "what the file selects.",
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")]
 TrustedOption = Annotated[
     bool,
@@ -56,15 +66,35 @@ SeedOption = Annotated[int, typer.Option(help="Seed of the random numbers.")]
 
 
 def reader_parameters(
-    clip: str | None, fps: float | None, *, uncompress: bool = False
+    clip: str | None = None,
+    fps: float | None = None,
+    variants: Sequence[str] = (),
+    *,
+    uncompress: bool = False,
 ) -> dict[str, Any]:
     """Return the parameters of a reader that options give it."""
     from meshmark.errors import UsageError
 
     if fps is not None and not fps > 0:
         raise UsageError(f"--fps must be positive, not {fps:g}")
-    given = {"clip": clip, "fps": fps, "uncompress": uncompress or None}
+    given = {
+        "clip": clip,
+        "fps": fps,
+        "variants": list(variants) or None,
+        "uncompress": uncompress or None,
+    }
     return {name: value for name, value in given.items() if value is not None}
+
+
+def parameters_of_copy(copy: str, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return those of its original that the reader of a copy takes.
+
+    A copy need not have clips or variants; those that it has are selected.
+    """
+    from meshmark.sources.readers import takes
+
+    taken = {name: value for name, value in parameters.items() if takes(copy, {name: value})}
+    return {**taken, "strict": False} if "variants" in taken else taken
 
 
 def load_key(path: Path) -> Key:

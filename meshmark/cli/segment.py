@@ -12,6 +12,7 @@ from meshmark.cli.options import (
     SetOption,
     SourceArgument,
     TrustedOption,
+    VariantOption,
     reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_SEGMENTER
@@ -25,6 +26,7 @@ def segment(
     frames: FramesOption = None,
     clip: ClipOption = None,
     fps: FpsOption = None,
+    variant: VariantOption = [],  # noqa: B006
     trusted: TrustedOption = False,
 ) -> None:
     """Write the parts of SOURCE as GeomSubsets and display colours, to view in usdview."""
@@ -32,7 +34,7 @@ def segment(
     from meshmark.embedding.outputs import check_output
     from meshmark.sources.reading import read
 
-    asset = read(source, parameters=reader_parameters(clip, fps), isolated=not trusted)
+    asset = read(source, parameters=reader_parameters(clip, fps, variant), isolated=not trusted)
     check_output(output, asset, deliver=False)
     labels = segment_asset(asset, segmenter_from_text(segmenter, settings), frames)
     write_segmented(asset, labels, frames, output)

@@ -19,7 +19,9 @@ from meshmark.cli.options import (
     SegmenterOption,
     SetOption,
     TrustedOption,
+    VariantOption,
     load_key,
+    parameters_of_copy,
     reader_parameters,
 )
 from meshmark.errors import MeshmarkError
@@ -84,6 +86,7 @@ def verify(
     ] = None,
     clip: ClipOption = None,
     fps: FpsOption = None,
+    variant: VariantOption = [],  # noqa: B006
     evidence: Annotated[
         Path | None,
         typer.Option(
@@ -118,7 +121,7 @@ def verify(
         raise UsageError("--unauthenticated-evidence needs --evidence")
     if master is not None and original is None:
         raise UsageError("--master needs --original")
-    parameters = reader_parameters(clip, fps)
+    parameters = reader_parameters(clip, fps, variant)
     _require_taken(parameters, [*sources, *([original] if original else [])], evidence)
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
@@ -234,7 +237,7 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
             )
             return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
         progress("read", source, 0, 1)
-        asset = _read(source, request)
+        asset = _read(source, request, copy=request.original is not None)
         progress("read", source, 1, 1)
         original = None
         if request.original is not None:
@@ -253,26 +256,31 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
         )
 
 
-def _read(source: str, request: Request) -> Asset:
-    """Read a source; copies and originals need not all have clips."""
-    from meshmark.sources.readers import takes
+def _read(source: str, request: Request, *, copy: bool = False) -> Asset:
+    """Read a source; copies beside an original need not have its clips and variants."""
     from meshmark.sources.reading import read
 
-    parameters = request.parameters if takes(source, request.parameters) else None
+    parameters = parameters_of_copy(source, request.parameters)
+    if not copy:
+        parameters.pop("strict", None)
     return read(source, parameters=parameters, isolated=not request.trusted)
 
 
 def _require_taken(
     parameters: dict[str, Any], sources: Sequence[str], evidence: Path | None
 ) -> None:
-    """Refuse --clip and --fps where no source takes them, or where they would not be kept."""
+    """Refuse what no source takes, or what would not be kept with evidence."""
     from meshmark.errors import UsageError
     from meshmark.sources.readers import takes
 
-    if parameters and not any(takes(source, parameters) for source in sources):
-        raise UsageError("--clip and --fps are for glTF files")
+    for name, value in parameters.items():
+        if not any(takes(source, {name: value}) for source in sources):
+            kind = "--variant is for USD" if name == "variants" else "--clip and --fps are for glTF"
+            raise UsageError(f"{kind} files")
     if parameters and evidence is not None:
-        raise UsageError("--evidence keeps that of the first clip: it takes no --clip and no --fps")
+        raise UsageError(
+            "--evidence keeps that of a source as it is: it takes no --clip, --fps or --variant"
+        )
 
 
 def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) -> Any:
@@ -281,7 +289,7 @@ def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) 
     from meshmark.workers.ordered_map import default_jobs
 
     if request.master is not None:
-        return _read(request.master, request)
+        return _read(request.master, request, copy=True)
     layers = request.master_layers
     if not layers:
         return None

@@ -53,11 +53,15 @@ def describe_run(
     """
     folder = output.parent.resolve()
     path = Path(os.path.relpath(marked.original.source, folder)).as_posix()
-    source = {"path": path, "files": file_hashes(files, folder)}
+    source: dict[str, Any] = {"path": path, "files": file_hashes(files, folder)}
+    if parameters:
+        source["parameters"] = dict(parameters)
+    if marked.original.variants:
+        source["variants"] = list(marked.original.variants)
     return {
         "format": FORMAT,
         "meshmark": __version__,
-        "source": source | ({"parameters": dict(parameters)} if parameters else {}),
+        "source": source,
         "output": output.name,
         "delivered": deliver,
         "skel": skel,

@@ -43,6 +43,7 @@ from meshmark.workers.progress import MeshProgress, StageProgress
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
+    from meshmark.usd.writing import Override
 
 
 @sharing_workers
@@ -257,13 +258,13 @@ def _written(
     marked: MarkedAsset,
     target: Path,
     parameters: Mapping[str, Any] | None,
-    write: Callable[..., Delivery | None],
+    write: Callable[..., Delivery | Override | None],
     verified: Callable[[Asset], Verdict],
     jobs: int,
 ) -> dict[str, Any]:
     """Write what was marked, read it back, verify it, and tell of it."""
-    delivery = write(marked.asset)
-    told = {} if delivery is None else {"delivery": delivery.as_json()}
+    done = write(marked.asset)
+    told = {} if done is None else done.as_json()
     prims = [mesh.original.prim for mesh in marked.meshes]
     written = read_back(marked.original, target, prims, parameters)
     return told | describe_marks(marked, written, verified(written), jobs=jobs)

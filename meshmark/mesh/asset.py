@@ -73,6 +73,8 @@ class Asset:
         What of it was not read.
     facts : SourceFacts or None
         What was read with it; None where the source is asked again.
+    variants : tuple of str
+        The variants it was read with that somebody asked for, each `PRIM{SET=NAME}`.
     """
 
     source: str
@@ -84,6 +86,7 @@ class Asset:
     notes: tuple[str, ...] = field(default=())
     left_out: tuple[LeftOut, ...] = ()
     facts: SourceFacts | None = None
+    variants: tuple[str, ...] = ()
 
     @property
     def path(self) -> Path:

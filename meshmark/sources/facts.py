@@ -7,6 +7,8 @@ from pathlib import Path
 from meshmark.arrays import FloatArray
 from meshmark.mesh.asset import Asset
 from meshmark.sources.readers import files_named, files_there, find_reader
+from meshmark.usd.names import READER
+from meshmark.usd.reader import UsdReader
 
 
 def source_files(source: str) -> list[Path]:
@@ -34,5 +36,6 @@ def texture_coordinates(asset: Asset, prim: str) -> FloatArray | None:
     """
     if asset.facts is not None:
         return asset.facts.texture_coordinates(prim)
-    reader = find_reader(asset.source)
+    usd = asset.reader == READER
+    reader = UsdReader(asset.variants) if usd else find_reader(asset.source)
     return None if reader is None else reader.texture_coordinates(asset.source, prim)

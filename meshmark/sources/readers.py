@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -90,7 +90,7 @@ def reader_called(name: str, parameters: Mapping[str, Any] | None = None) -> Sou
         If there is none.
     """
     return (
-        UsdReader()
+        UsdReader(**(parameters or {}))
         if name == READER
         else PluginReader(make_reader(name, **(parameters or {})), name)
     )
@@ -99,6 +99,8 @@ def reader_called(name: str, parameters: Mapping[str, Any] | None = None) -> Sou
 def takes(source: str, parameters: Mapping[str, Any]) -> bool:
     """Tell whether the reader of a source takes all of some parameters."""
     reader = find_reader(source)
+    if isinstance(reader, UsdReader):
+        return parameters.keys() <= {each.name for each in fields(UsdReader)}
     if not isinstance(reader, PluginReader):
         return not parameters
     return parameters.keys() <= catalogue().find("reader", reader.name).record.parameters.keys()
@@ -110,10 +112,11 @@ def open_source(
     """Read a source in this process; see `meshmark.read`."""
     reader = find_reader(source)
     if reader is not None and parameters:
-        if not isinstance(reader, PluginReader) or not takes(source, parameters):
+        if not takes(source, parameters):
             told = " or ".join(parameters)
             raise UsageError(f"its reader takes no {told}", source=source)
-        reader = PluginReader(make_reader(reader.name, **parameters), reader.name)
+        name = reader.name if isinstance(reader, PluginReader) else READER
+        reader = reader_called(name, parameters)
     if reader is not None:
         return reader.read(source, prims)
     if not Path(source).exists():

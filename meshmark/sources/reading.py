@@ -28,7 +28,8 @@ def read(
     prims : sequence of str
         Paths of the meshes wanted; all where empty.
     parameters : mapping, optional
-        Of the reader: of glTF, `clip`, the name of an animation, and `fps`.
+        Of the reader: of glTF, `clip`, the name of an animation, and `fps`; of USD, `variants`, a
+        sequence of `SET=NAME` or `PRIM{SET=NAME}`.
     isolated : bool
         For files nobody vouches for: all is read now, in a process of its own with limits on
         memory and time; see `meshmark.sources.isolation.reading`.

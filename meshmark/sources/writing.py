@@ -17,6 +17,7 @@ from meshmark.usd.reader import UsdReader
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
+    from meshmark.usd.writing import Override
 
 
 def write(
@@ -61,10 +62,11 @@ def writer(
     deliver: bool = False,
     keep_metadata: bool = False,
     skel: str = BAKE,
-) -> Callable[..., Delivery | None]:
+) -> Callable[..., Delivery | Override | None]:
     """Return what `write` would call with the marked asset, so that a bad output is known early.
 
-    Where it writes USD, it also takes `stamps`; see `meshmark.usd.stamp`.
+    Where it writes USD, it also takes `stamps`; see `meshmark.usd.stamp`. What it returns is for
+    the manifest.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def writer(
             usd.deliver, original=original, output=path, keep_metadata=keep_metadata, skel=skel
         )
     if usd.writes(path):
-        return partial(usd.write, original=original, output=path, skel=skel)
+        return partial(usd.lay, original=original, output=path, skel=skel)
     reader = reader_called(original.reader, parameters)
     if not reader.writes(path):
         raise UsageError(
@@ -110,7 +112,9 @@ def read_back(
         If what was written cannot be read.
     """
     names = written_names(original, output)
-    given = parameters if parameters and takes(str(output), parameters) else None
+    # A layer over a stage selects variants itself, and a new stage has none.
+    own = not UsdReader().writes(Path(output)) and takes(str(output), parameters or {})
+    given = parameters if own else None
     written = open_source(str(output), [names[prim] for prim in prims], given)
     named = zip(written.meshes, prims, strict=True)
     return replace(written, meshes=tuple(replace(mesh, prim=prim) for mesh, prim in named))

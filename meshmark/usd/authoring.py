@@ -29,7 +29,11 @@ NO_MOVE = 1e-14
 
 
 def author_marked_points(
-    target: StreamedLayer, points: MeshPoints, marked: MeshAnimation, witness: Witness | None = None
+    target: StreamedLayer,
+    over: Sdf.PrimSpec,
+    points: MeshPoints,
+    marked: MeshAnimation,
+    witness: Witness | None = None,
 ) -> None:
     """Give a prim `points` and `extent` at every time its source has points, in its own type.
 
@@ -48,7 +52,6 @@ def author_marked_points(
         If a marked point is not finite, or beyond what the prim's type holds.
     """
     path, rig = str(points.prim.GetPath()), points.rig
-    over = Sdf.CreatePrimInLayer(target.layer, path)
     with blamed(marked.origin, path):
         kind = POINT_TYPES[points.local(points.times()[0]).dtype.type]
         # The default of a rig that stands still is its only pose.
@@ -74,7 +77,11 @@ def author_marked_points(
 
 
 def author_marked_rest(
-    target: StreamedLayer, points: MeshPoints, marked: MeshAnimation, witness: Witness | None = None
+    target: StreamedLayer,
+    over: Sdf.PrimSpec,
+    points: MeshPoints,
+    marked: MeshAnimation,
+    witness: Witness | None = None,
 ) -> None:
     """Give a rigged prim the rest pose that its rig poses like the marked points; the rig stays.
 
@@ -99,7 +106,6 @@ def author_marked_rest(
         rest.add(time, new - original)
         if witness is not None and np.isfinite(time):
             witness(time, original, new)
-    over = Sdf.CreatePrimInLayer(target.layer, path)
     spec = Sdf.AttributeSpec(over, "points", POINT_TYPES[rest.points.dtype.type])
     target.set_vectors(spec, np.nan, rest.marked())
     # A default would hide the extents of poses, where there are any.

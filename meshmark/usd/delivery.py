@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from meshmark.errors import UsageError
 from meshmark.files.places import assets_folder
@@ -48,12 +48,13 @@ class Delivery:
     outside: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON values, for the manifest."""
-        return {
+        """Return it as JSON values, as entries of the manifest."""
+        told = {
             "moved": [{"path": each.path, "prim": each.prim} for each in self.moved],
             "removed": list(self.removed),
             "outside": list(self.outside),
         }
+        return {"delivery": told}
 
 
 def write_flattened(
@@ -111,7 +112,7 @@ def write_flattened(
     OutputError
         If the place cannot be written to or is part of the source.
     """
-    opened = open_stage(original.source)
+    opened = open_stage(original.source, original.variants)
     refuse_to_overwrite(original.source, output)
     with caught(original.source):
         for mesh in marked.meshes:
@@ -120,7 +121,7 @@ def write_flattened(
     with replacing(output, assets_folder(output)) as beside, usd_output_errors(output):
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
-            lay_over(target.layer, opened.stage, original.source, overlay)
+            lay_over(target.layer, opened.stage, original, overlay)
             traces = _author(target, opened.points, marked, skel, stamps)
         stage = Usd.Stage.Open(str(overlay))
         return _export(stage, traces, output, beside, keep_metadata, stamps)
@@ -157,7 +158,8 @@ def _author(
     for mesh in marked.meshes:
         prim = points.stage.GetPrimAtPath(mesh.prim)
         stamp, witness = stamps.get(mesh.prim), traces.witness(mesh.prim)
-        author_marked(target, points.of(prim), mesh, skel, stamp, witness)
+        spec = Sdf.CreatePrimInLayer(target.layer, mesh.prim)
+        author_marked(target, spec, points.of(prim), mesh, skel, stamp, witness)
     return traces
 
 

@@ -35,6 +35,8 @@ class StageFrames:
         A frame whose faces, and number of points, are those of all; None if they change.
     strays : tuple of int
         Frames of which that is not true, and which are therefore not to be had.
+    variants : tuple of str
+        The variants to select; see `open_stage`.
     """
 
     source: str
@@ -42,6 +44,7 @@ class StageFrames:
     times: tuple[float, ...]
     reference: int | None = 0
     strays: tuple[int, ...] = ()
+    variants: tuple[str, ...] = ()
 
     def frame(self, index: int) -> Frame:
         """Read frame `index`.
@@ -52,7 +55,7 @@ class StageFrames:
             If the mesh is unfit at that time: no points, points that are not finite, points
             and faces that do not fit each other, or others than at most times.
         """
-        opened = open_stage(self.source)
+        opened = open_stage(self.source, self.variants)
         time = self.times[index]
         with blamed(self.source, self.prim, time):
             prim = opened.stage.GetPrimAtPath(self.prim)

@@ -15,8 +15,10 @@ from pxr import Sdf, Tf, Usd, Vt
 
 from meshmark.errors import OutputError, UsageError
 from meshmark.files.atomic import beside
+from meshmark.mesh.asset import Asset
 from meshmark.usd.diagnostics import caught, reason
 from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark.usd.variants import Choice, write_selections
 
 # A crate layer drops from memory what is saved; each save adds about a kilobyte, and the list of
 # sample times, to the file.
@@ -200,10 +202,11 @@ def sublayer_path(source: Path, output: Path) -> str:
     return name if name.startswith("../") else f"./{name}"
 
 
-def lay_over(layer: Sdf.Layer, stage: Usd.Stage, source: str, output: Path) -> None:
-    """Make a layer that will lie at `output` show the stage of `source`, unchanged so far."""
+def lay_over(layer: Sdf.Layer, stage: Usd.Stage, original: Asset, output: Path) -> None:
+    """Make a layer that will lie at `output` show the stage of an asset as it was read."""
     copy_stage_metadata(stage.GetRootLayer(), layer)
-    layer.subLayerPaths.append(sublayer_path(Path(source), output))
+    layer.subLayerPaths.append(sublayer_path(original.path, output))
+    write_selections(layer, map(Choice.parse, original.variants))
 
 
 def copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pxr import Ar, Usd, UsdUtils
 
-from meshmark.errors import InputError
+from meshmark.errors import InputError, UsageError
 from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.points import StagePoints
+from meshmark.usd.variants import Choice, chosen, select
 
 # A process works on one source at a time, two when it compares; every stage held costs memory.
 KEPT_OPEN = 4
@@ -23,22 +25,32 @@ KEPT_OPEN = 4
 class OpenStage:
     """A stage, what pxr said while opening it, its points, and topologies already read from it.
 
+    It tells which variants were selected in it that it does not select itself.
+
     The stage is shared by everybody in the process who reads that file: it must not be edited.
     """
 
     stage: Usd.Stage
     warnings: tuple[str, ...]
     points: StagePoints
+    variants: tuple[str, ...] = ()
     topologies: dict[str, Topology] = field(default_factory=dict)
 
 
-_open: OrderedDict[tuple[int, str], tuple[tuple[int, ...], OpenStage]] = OrderedDict()
+_open: OrderedDict[tuple[object, ...], tuple[tuple[int, ...], OpenStage]] = OrderedDict()
 
 
-def open_stage(source: str) -> OpenStage:
+def open_stage(source: str, variants: Sequence[str] = ()) -> OpenStage:
     """Open a stage, or return the one this process already has open.
 
     A file that has changed on disk since is opened again.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    variants : sequence of str
+        What to select in it that it does not select itself, each `PRIM{SET=NAME}`.
 
     Raises
     ------
@@ -47,17 +59,29 @@ def open_stage(source: str) -> OpenStage:
     """
     path = _existing_file(source)
     # A forked child must not use the stage its parent opened: pxr's threads did not survive.
-    key = (os.getpid(), str(path.absolute()))
+    key = (os.getpid(), str(path.absolute()), *variants)
     stamp = _stamp(path)
     kept = _open.pop(key, None)
     if kept is None or kept[0] != stamp:
         # Layers live as long as a stage holds them: the old one must go before the new is opened.
         del kept
-        kept = (stamp, _opened(source))
+        kept = (stamp, _opened(source, variants))
     _open[key] = kept
     while len(_open) > KEPT_OPEN:
         _open.popitem(last=False)
     return kept[1]
+
+
+def resolved(source: str, asked: Sequence[str], *, strict: bool = True) -> tuple[str, ...]:
+    """Say which sets of which prims variants that are asked for select; see `variants.chosen`."""
+    if not asked:
+        return ()
+    _existing_file(source)
+    try:
+        with caught(source):
+            return tuple(map(str, chosen(Usd.Stage.Open(source), asked, strict=strict)))
+    except UsageError as error:
+        raise UsageError(error.message, source=source) from None
 
 
 def stage_files(source: str) -> list[Path]:
@@ -81,11 +105,12 @@ def stage_files(source: str) -> list[Path]:
     return [own, *sorted({Path(name).resolve() for name in outer} - {own})]
 
 
-def _opened(source: str) -> OpenStage:
+def _opened(source: str, variants: Sequence[str]) -> OpenStage:
     with caught(source) as warnings:
         stage = Usd.Stage.Open(source)
         _require_time(stage, source)
-    return OpenStage(stage, tuple(warnings), StagePoints(stage))
+        select(stage, map(Choice.parse, variants))
+    return OpenStage(stage, tuple(warnings), StagePoints(stage), tuple(variants))
 
 
 def _require_time(stage: Usd.Stage, source: str) -> None:

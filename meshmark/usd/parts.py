@@ -59,10 +59,10 @@ def write_parts(
     OutputError
         If the place cannot be written to, or the mesh is inside an instance.
     """
-    stage = open_stage(asset.source).stage
+    stage = open_stage(asset.source, asset.variants).stage
     refuse_to_overwrite(asset.source, output)
     with new_layer(output) as target:
-        lay_over(target.layer, stage, asset.source, output)
+        lay_over(target.layer, stage, asset, output)
         for path, labels in labels_by_prim.items():
             mesh = asset.mesh(path)
             prim = require_prim(stage, mesh, asset.source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,10 +14,23 @@ from meshmark.usd.stamp import NO_STAMPS, Stamps
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
+    from meshmark.usd.writing import Override
 
 
+@dataclass(frozen=True)
 class UsdReader:
-    """Reads stages; writes layers over them, and assets of any origin as new stages."""
+    """Reads stages; writes layers over them, and assets of any origin as new stages.
+
+    Parameters
+    ----------
+    variants : sequence of str
+        What to select that a stage does not select itself; see `meshmark.usd.reading.read_stage`.
+    strict : bool
+        Whether a stage must have such variants.
+    """
+
+    variants: Sequence[str] = ()
+    strict: bool = True
 
     def accepts(self, source: str) -> bool:
         """Tell whether the source is called as USD's files are."""
@@ -26,7 +40,7 @@ class UsdReader:
         """Read the meshes of a stage; see `meshmark.usd.reading.read_stage`."""
         from meshmark.usd.reading import read_stage
 
-        return read_stage(source, list(prims) or None)
+        return read_stage(source, list(prims) or None, self.variants, strict=self.strict)
 
     def files(self, source: str) -> list[Path]:
         """List the files a stage is composed from, sorted."""
@@ -44,7 +58,7 @@ class UsdReader:
         """Read those of a mesh; see `meshmark.usd.texture_coordinates`."""
         from meshmark.usd.texture_coordinates import read_texture_coordinates
 
-        return read_texture_coordinates(source, prim)
+        return read_texture_coordinates(source, prim, self.variants)
 
     def require_writable(self, source: str, output: Path) -> None:
         """Refuse nothing."""
@@ -53,7 +67,11 @@ class UsdReader:
         """Tell whether the output is called as a layer is."""
         return output.suffix.lower() in LAYER_SUFFIXES
 
-    def write(
+    def write(self, marked: Asset, original: Asset, output: Path) -> None:
+        """Write a layer over the original's stage; or a new stage, if it is none."""
+        self.lay(marked, original, output)
+
+    def lay(
         self,
         marked: Asset,
         original: Asset,
@@ -61,16 +79,22 @@ class UsdReader:
         *,
         skel: str = BAKE,
         stamps: Stamps = NO_STAMPS,
-    ) -> None:
-        """Write a layer over the original's stage; or a new stage, if it is none."""
+    ) -> Override | None:
+        """Write as `write` does, and tell of it.
+
+        Returns
+        -------
+        Override or None
+            Which meshes are marked in some variants only; None if there are no variants.
+        """
         if original.reader == READER:
             from meshmark.usd.writing import write_override
 
-            write_override(original, marked, output, skel=skel, stamps=stamps)
-        else:
-            from meshmark.usd.stages import write_stage
+            return write_override(original, marked, output, skel=skel, stamps=stamps)
+        from meshmark.usd.stages import write_stage
 
-            write_stage(original.with_meshes(marked.meshes), output, stamps)
+        write_stage(original.with_meshes(marked.meshes), output, stamps)
+        return None
 
     def deliver(
         self,
@@ -95,7 +119,7 @@ class UsdReader:
             return write_flattened(
                 original, marked, output, keep_metadata=keep_metadata, skel=skel, stamps=stamps
             )
-        self.write(marked, original, output, stamps=stamps)
+        self.lay(marked, original, output, stamps=stamps)
         return None
 
     def written_names(self, original: Asset) -> dict[str, str]:

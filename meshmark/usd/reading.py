@@ -16,7 +16,7 @@ from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import shapes
 from meshmark.usd.names import READER
-from meshmark.usd.opening import OpenStage, open_stage
+from meshmark.usd.opening import OpenStage, open_stage, resolved
 from meshmark.usd.prims import (
     hidden_prototypes,
     is_guide,
@@ -29,7 +29,13 @@ from meshmark.usd.prims import (
 NOT_DEFINED = "not defined, and shown by a point instancer all the same"
 
 
-def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
+def read_stage(
+    source: str,
+    prims: Sequence[str] | None = None,
+    variants: Sequence[str] = (),
+    *,
+    strict: bool = True,
+) -> Asset:
     """Read the meshes of a .usd, .usda, .usdc or .usdz file.
 
     Every mesh the stage shows is read, at the times its points are sampled at, in world space;
@@ -51,6 +57,11 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     prims : sequence of str, optional
         Paths of the meshes wanted, of any purpose. Without it, an unfit mesh beside fit ones
         is left out with a note.
+    variants : sequence of str
+        What to select that the stage does not select itself: `SET=NAME` for all prims that have
+        such a variant, `PRIM{SET=NAME}` for one.
+    strict : bool
+        Whether there must be such variants.
 
     Returns
     -------
@@ -64,9 +75,9 @@ def read_stage(source: str, prims: Sequence[str] | None = None) -> Asset:
     InputError
         If the file cannot be read or holds no mesh, if a wanted mesh is unfit, or all are.
     UsageError
-        If a wanted mesh does not exist.
+        If a wanted mesh or variant does not exist.
     """
-    opened = open_stage(source)
+    opened = open_stage(source, resolved(source, variants, strict=strict))
     try:
         # Layers are opened, and values unpacked, whenever pxr first needs them.
         with caught(source) as said:
@@ -103,6 +114,7 @@ def _read(source: str, opened: OpenStage, prims: Sequence[str] | None) -> Asset:
         fps=float(stage.GetTimeCodesPerSecond()),
         notes=(*told, *not_looked_at(stage)),
         left_out=(*left_out, *unseen),
+        variants=opened.variants,
     )
 
 
@@ -148,7 +160,7 @@ def _read_mesh(source: str, opened: OpenStage, prim: Usd.Prim) -> MeshAnimation:
         most = agreed(shapes(prim, times))
         said, in_place = (*notes(prim), *points.notes), not prim.IsInstanceProxy()
     reference, strays = (None, ()) if most is None else most
-    frames = StageFrames(source, path, tuple(times.tolist()), reference, strays)
+    frames = StageFrames(source, path, tuple(times.tolist()), reference, strays, opened.variants)
     index, first = _first_readable(frames)
     with blamed(source, path):
         stored = points.local(frames.times[index])

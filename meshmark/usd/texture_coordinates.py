@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
@@ -29,7 +31,9 @@ PAIR_ARRAYS = (Vt.Vec2hArray, Vt.Vec2fArray, Vt.Vec2dArray)
 BY_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
 
-def read_texture_coordinates(source: str, prim: str) -> FloatArray | None:
+def read_texture_coordinates(
+    source: str, prim: str, variants: Sequence[str] = ()
+) -> FloatArray | None:
     """Read the texture coordinates of a mesh at its first time.
 
     Parameters
@@ -38,6 +42,8 @@ def read_texture_coordinates(source: str, prim: str) -> FloatArray | None:
         The stage's file.
     prim : str
         Path of the mesh.
+    variants : sequence of str
+        Those to select; see `open_stage`.
 
     Returns
     -------
@@ -50,7 +56,7 @@ def read_texture_coordinates(source: str, prim: str) -> FloatArray | None:
     InputError
         If the stage cannot be read.
     """
-    stage = open_stage(source).stage
+    stage = open_stage(source, variants).stage
     with blamed(source, prim):
         found = stage.GetPrimAtPath(prim)
         time = float(sample_times(found)[0])

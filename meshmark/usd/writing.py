@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
@@ -17,6 +20,32 @@ from meshmark.usd.points import MeshPoints
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.stamp import NO_STAMPS, Stamp, Stamps
 from meshmark.usd.stamping import write_stamp
+from meshmark.usd.variant_places import Place, find_places, over
+
+
+@dataclass(frozen=True)
+class Override:
+    """What there is to know of an override layer.
+
+    Parameters
+    ----------
+    in_variants : mapping of str to Place
+        By their paths, the meshes that are marked in the variants selected, and in no other.
+    """
+
+    in_variants: Mapping[str, Place]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON values, as entries of the manifest."""
+        told = [
+            {
+                "prim": prim,
+                "marked_in": list(map(str, place.variants)),
+                "as_they_are": list(map(str, place.others)),
+            }
+            for prim, place in self.in_variants.items()
+        ]
+        return {"variants": told} if told else {}
 
 
 def write_override(
@@ -26,7 +55,7 @@ def write_override(
     *,
     skel: str = BAKE,
     stamps: Stamps = NO_STAMPS,
-) -> None:
+) -> Override:
     """Write a layer over the original's file with the points of the marked meshes.
 
     The layer holds only `over` specs with `points` and `extent`, at every time the source has
@@ -49,6 +78,11 @@ def write_override(
     stamps : mapping of str to Stamp
         What meshes, by their paths, are to say of their marks.
 
+    Returns
+    -------
+    Override
+        Which meshes are marked in one variant only; see `meshmark.usd.variant_places`.
+
     Raises
     ------
     OutputError
@@ -56,7 +90,7 @@ def write_override(
     UsageError
         If the marked meshes do not fit the original.
     """
-    opened = open_stage(original.source)
+    opened = open_stage(original.source, original.variants)
     stage = opened.stage
     refuse_to_overwrite(original.source, output)
     pairs = [(require_prim(stage, mesh, original.source), mesh) for mesh in marked.meshes]
@@ -67,14 +101,19 @@ def write_override(
             "write a flattened deliverable instead",
             source=original.source,
         )
+    places = find_places(original, opened.points, [prim for prim, _ in pairs])
     with new_layer(output) as target:
-        lay_over(target.layer, stage, original.source, output)
+        lay_over(target.layer, stage, original, output)
         for prim, mesh in pairs:
-            author_marked(target, opened.points.of(prim), mesh, skel, stamps.get(mesh.prim))
+            spec = over(target.layer, places[mesh.prim].path, stage)
+            stamp = stamps.get(mesh.prim)
+            author_marked(target, spec, opened.points.of(prim), mesh, skel, stamp)
+    return Override({prim: place for prim, place in places.items() if place.variants})
 
 
 def author_marked(
     target: StreamedLayer,
+    spec: Sdf.PrimSpec,
     points: MeshPoints,
     marked: MeshAnimation,
     skel: str,
@@ -87,9 +126,9 @@ def author_marked(
     """
     rest = skel == REST_POSE and points.rig is not None
     author = author_marked_rest if rest else author_marked_points
-    author(target, points, marked, witness)
+    author(target, spec, points, marked, witness)
     if stamp is not None:
-        write_stamp(target.layer.GetPrimAtPath(marked.prim), stamp)
+        write_stamp(spec, stamp)
 
 
 def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:

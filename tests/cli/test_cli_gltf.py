@@ -145,7 +145,7 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
         (("verify", "cube.usda", "--clip", "Turn", "--key", "k"), "are for glTF files"),
         (
             ("verify", "ball.glb", "--clip", "Turn", "--key", "k", "--evidence", "e"),
-            "--evidence keeps that of the first clip",
+            "--evidence keeps that of a source as it is",
         ),
     ],
 )

@@ -1,0 +1,89 @@
+"""Override layers win over every way USD composes a mesh, and change nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+from composed_stages import ARCS, CUBE, shown_elsewhere, write
+from meshmark.mesh.asset import Asset
+from meshmark.usd.reading import read_stage
+from meshmark.usd.writing import write_override
+from stage_comparison import MOVED, differences
+from usd_stages import moved
+
+
+def assert_only_moved(source: str, output: Path, marked: Asset) -> None:
+    """The composed stage shows the marked points, and is else what the source is."""
+    meshes = [mesh for mesh in marked.meshes if mesh.in_place]
+    allowed = {mesh.prim: MOVED for mesh in meshes}
+    before, after = Usd.Stage.Open(source), Usd.Stage.Open(str(output))
+    assert differences(before, after, allowed) == []
+    shown = read_stage(str(output))
+    for mesh in meshes:
+        own, other = (
+            stage.GetPrimAtPath(mesh.prim).GetAttribute("points") for stage in (before, after)
+        )
+        assert own.GetTimeSamples() == other.GetTimeSamples()
+        again = shown.mesh(mesh.prim)
+        np.testing.assert_array_equal(again.times, mesh.times)
+        for expected, frame in zip(mesh, again, strict=True):
+            np.testing.assert_allclose(frame.points, expected.points, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("arc", ARCS)
+def test_the_override_wins_and_nothing_else_changes(tmp_path: Path, arc: str) -> None:
+    source = ARCS[arc](tmp_path, CUBE)
+    marked = moved(read_stage(source))
+    (tmp_path / "out").mkdir()
+    output = tmp_path / "out" / "marked.usda"
+    write_override(read_stage(source), marked, output)
+    assert_only_moved(source, output, marked)
+
+
+def test_what_shows_a_marked_prim_follows_it(tmp_path: Path) -> None:
+    source = shown_elsewhere(tmp_path, CUBE)
+    marked = moved(read_stage(source))
+    write_override(read_stage(source), marked, tmp_path / "o.usda")
+    before, after = Usd.Stage.Open(source), Usd.Stage.Open(str(tmp_path / "o.usda"))
+    assert differences(before, after, {"/model/m": MOVED, "/copy/m": MOVED}) == []
+    model, copy = read_stage(str(tmp_path / "o.usda")).meshes
+    for expected, one, other in zip(marked.meshes[0], model, copy, strict=True):
+        np.testing.assert_allclose(one.points, expected.points, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            other.points, one.points + np.array([9, 0, 0]), rtol=0, atol=1e-6
+        )
+
+
+CHANGES = {
+    "/ upAxis": ('upAxis = "Z"', 'upAxis = "Y"'),
+    "/a kind": ('"prop"', '"group"'),
+    "/a purpose": ('"proxy"', '"guide"'),
+    "/a to": ("to = </a>", "to = </a/m>"),
+    "/a n": ("2: 2", "2: 3"),
+    "/a c": ("</a.n>", "</a.m>"),
+    "/a/m specifier": ("def Mesh", "over Mesh"),
+    "prims: ['/a/m', '/a/n']": ('"m"', '"n"'),
+}
+
+
+@pytest.mark.parametrize("told", CHANGES)
+def test_comparing_stages_sees_differences(tmp_path: Path, told: str) -> None:
+    text = """
+    def Xform "a" (kind = "prop")
+    {
+        token purpose = "proxy"
+        rel to = </a>
+        int n.timeSamples = { 1: 1, 2: 2 }
+        int c.connect = </a.n>
+        def Mesh "m" {}
+    }
+    """
+    one = write(tmp_path / "one.usda", text, 'upAxis = "Z"')
+    (tmp_path / "two.usda").write_text(Path(one).read_text().replace(*CHANGES[told]))
+    stages = [Usd.Stage.Open(str(tmp_path / name)) for name in ("one.usda", "two.usda")]
+    assert differences(*stages, {}) == [told]
+    assert differences(stages[0], stages[0], {}) == []
