@@ -13,10 +13,11 @@ from meshmark.errors import UsageError
 from meshmark.extension.interfaces import Attack
 from meshmark.extension.parameters import name_and_value
 from meshmark.extension.recipe import convert
-from meshmark.extension.registry import catalogue, make_attack, make_reader
-from meshmark.files.places import require_apart
+from meshmark.extension.registry import catalogue, make_attack
+from meshmark.files.places import data_file, require_apart
 from meshmark.mesh.asset import Asset
 from meshmark.sources.facts import files_in_reach
+from meshmark.sources.readers import new_writer
 from meshmark.usd.names import LAYER_SUFFIXES
 
 
@@ -47,26 +48,25 @@ def attack_asset(asset: Asset, attack: Attack, seed: int) -> Asset:
 
 
 def write_attacked(asset: Asset, output: Path) -> None:
-    """Write an attacked asset whole: a USD stage by its suffix, otherwise a folder of OBJ.
+    """Write an attacked asset whole: a USD stage, a glTF file, or OBJ files, by its name.
 
     Raises
     ------
     UsageError
-        If the output is neither.
+        If the output is none of them.
     OutputError
         If it is part of the source.
     """
-    require_apart([output], files_in_reach(asset))
+    require_apart([output, data_file(output, 0)], files_in_reach(asset))
     if output.suffix.lower() in LAYER_SUFFIXES:
         from meshmark.usd.stages import write_stage
 
         return write_stage(asset, output)
-    reader = make_reader("obj")
-    write_new = getattr(reader, "write_new", None)
-    if output.suffix or write_new is None:
+    reader = new_writer(output)
+    if reader is None:
         raise UsageError(
-            f"an attack's result is one of {', '.join(LAYER_SUFFIXES)}, or a folder of OBJ frames",
+            f"an attack's result is one of {', '.join(LAYER_SUFFIXES)}, .glb, .gltf, or a folder "
+            "of OBJ frames",
             source=output,
         )
-    write_new(asset, output)
-    return None
+    return reader.write_new(asset, output)

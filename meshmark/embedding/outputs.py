@@ -7,7 +7,7 @@ from pathlib import Path
 
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import OutputError, UsageError
-from meshmark.files.places import assets_folder, require_apart, require_names_fit
+from meshmark.files.places import assets_folder, data_file, require_apart, require_names_fit
 from meshmark.mesh.asset import Asset
 from meshmark.sources.facts import files_in_reach
 from meshmark.usd.names import LAYER_SUFFIXES
@@ -38,7 +38,8 @@ def check_output(target: Path, source: str | Path | Asset, deliver: bool) -> Non
         raise UsageError("the output is the source itself", source=target)
     if deliver and target.suffix.lower() not in LAYER_SUFFIXES:
         raise UsageError(f"--deliver writes one of {', '.join(LAYER_SUFFIXES)}", source=target)
-    beside = [manifest_path(target), *([assets_folder(target)] if deliver else [])]
+    beside = [manifest_path(target), data_file(target, 0)]
+    beside += [assets_folder(target)] if deliver else []
     require_names_fit([target, *beside])
     require_apart([target, *beside], files_in_reach(source))
     if _joins(target, path):

@@ -18,8 +18,9 @@ from meshmark.mesh.asset import Asset
 class Reader(Protocol):
     """Reads one kind of source into an `Asset`, and may write it back.
 
-    This is what it must have. It may have `files`, `files_in_reach`, `texture_coordinates` and
-    `require_writable` of `SourceReader`, too.
+    This is what it must have. It may have `files`, `files_in_reach`, `texture_coordinates`,
+    `require_writable` and `written_names` of `SourceReader`, too; and `write_new(asset, output)`,
+    which makes a new file of an asset of any reader.
     """
 
     def accepts(self, source: str) -> bool:

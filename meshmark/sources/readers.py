@@ -72,8 +72,25 @@ class PluginReader:
         self.reader.write(original.with_meshes(marked.meshes), original, output)
 
     def written_names(self, original: Asset) -> dict[str, str]:
-        """Say that meshes keep their names."""
+        """Ask the reader, or say that meshes keep their names."""
+        own = getattr(self.reader, "written_names", None)
+        if own is not None:
+            return dict(own(original))
         return {mesh.prim: mesh.prim for mesh in original.meshes}
+
+    @property
+    def writes_new(self) -> bool:
+        """Whether it writes assets of other readers, as new files."""
+        return hasattr(self.reader, "write_new")
+
+    @property
+    def tells_names(self) -> bool:
+        """Whether it tells what meshes are called in what it writes."""
+        return hasattr(self.reader, "written_names")
+
+    def write_new(self, asset: Asset, output: Path) -> None:
+        """Let the reader write."""
+        self.reader.write_new(asset, output)  # type: ignore[attr-defined]
 
 
 def find_reader(source: str) -> SourceReader | None:
@@ -94,6 +111,12 @@ def reader_called(name: str, parameters: Mapping[str, Any] | None = None) -> Sou
         if name == READER
         else PluginReader(make_reader(name, **(parameters or {})), name)
     )
+
+
+def new_writer(output: Path) -> PluginReader | None:
+    """Return the first reader that can make a new file, or folder, of that name of any asset."""
+    plugins = (reader for reader in _readers() if isinstance(reader, PluginReader))
+    return next((each for each in plugins if each.writes_new and each.writes(output)), None)
 
 
 def takes(source: str, parameters: Mapping[str, Any]) -> bool:

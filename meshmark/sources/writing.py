@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 from meshmark.errors import UsageError
 from meshmark.extension.interfaces import SourceReader
 from meshmark.mesh.asset import Asset
-from meshmark.sources.readers import open_source, reader_called, takes
+from meshmark.sources.readers import (
+    PluginReader,
+    new_writer,
+    open_source,
+    reader_called,
+    takes,
+)
 from meshmark.usd.names import BAKE, LAYER_SUFFIXES
 from meshmark.usd.reader import UsdReader
 
@@ -38,7 +44,7 @@ def write(
         As it was read.
     output : str or Path
         A USD layer: an override that sublayers a USD source, or a whole stage for any other.
-        Or what the original's own reader writes, such as a folder of OBJ frames.
+        Or what the original's own reader writes, such as a folder of OBJ frames; or a new .glb.
     parameters : mapping, optional
         Of the original's reader, as `meshmark.read` was given them.
     deliver : bool
@@ -81,13 +87,16 @@ def writer(
     if usd.writes(path):
         return partial(usd.lay, original=original, output=path, skel=skel)
     reader = reader_called(original.reader, parameters)
-    if not reader.writes(path):
-        raise UsageError(
-            f"the {original.reader} reader cannot write to {str(output)!r}; "
-            f"{', '.join(LAYER_SUFFIXES)} always can be"
-        )
-    reader.require_writable(original.source, path)
-    return partial(reader.write, original=original, output=path)
+    if reader.writes(path):
+        reader.require_writable(original.source, path)
+        return partial(reader.write, original=original, output=path)
+    other = new_writer(path)
+    if other is not None and other.tells_names:
+        return partial(_write_new, reader=other, original=original, output=path)
+    raise UsageError(
+        f"the {original.reader} reader cannot write to {str(output)!r}; "
+        f"{', '.join(LAYER_SUFFIXES)} always can be"
+    )
 
 
 def written_names(original: Asset, output: str | Path) -> dict[str, str]:
@@ -120,6 +129,12 @@ def read_back(
     return replace(written, meshes=tuple(replace(mesh, prim=prim) for mesh, prim in named))
 
 
+def _write_new(marked: Asset, *, reader: PluginReader, original: Asset, output: Path) -> None:
+    reader.write_new(original.with_meshes(marked.meshes), output)
+
+
 def _writing_reader(original: Asset, output: Path) -> SourceReader:
-    usd = UsdReader()
-    return usd if usd.writes(output) else reader_called(original.reader)
+    for reader in (UsdReader(), reader_called(original.reader)):
+        if reader.writes(output):
+            return reader
+    return new_writer(output) or reader_called(original.reader)

@@ -115,14 +115,34 @@ def test_inspect_tells_of_clips_and_frames(run):
     assert json.loads(out)["prims"][0]["frames"] == 7
 
 
-def test_an_attacked_clip_is_written_as_a_stage(run):
-    code, _, _ = run(
-        "attack", "noise", "ball.glb", "-o", "x.usdc", "-p", "amplitude=0.001", "--clip", "Turn"
-    )
-    assert code == 0
+ATTACK = ["attack", "noise", "ball.glb", "-p", "amplitude=0.001", "--clip", "Turn", "-o"]
+
+
+@pytest.mark.parametrize("name", ["x.glb", "x.gltf"])
+def test_an_attacked_clip_is_written_as_a_stage_or_a_new_file(run, name):
+    assert run(*ATTACK, "x.usdc")[0] == 0
     asset = read("x.usdc")
     assert (asset.up_axis, asset.meters_per_unit, asset.fps) == ("Y", 1.0, 24.0)
     assert len(asset.meshes[0]) == 7
+    assert run(*ATTACK, name)[0] == 0
+    [same] = read(name).meshes
+    assert same.prim == asset.meshes[0].prim == "/root/ball"
+    np.testing.assert_array_equal(same.times, asset.meshes[0].times)
+    for one, two in zip(asset.meshes[0], same, strict=True):
+        np.testing.assert_allclose(two.points, one.points, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_stage_is_marked_into_a_new_file(run):
+    assert run("attack", "noise", "ball.glb", "-o", "x.usda", "-p", "amplitude=0")[0] == 0
+    code, out, _ = run("embed", "x.usda", "-o", "out.glb", *MARK, "--json")
+    document = json.loads(out)
+    assert code == 0
+    jsonschema.validate(document, SCHEMA)
+    assert document["verification"]["verdict"] == "marked"
+    code, _, told = run("verify", "out.glb", "--original", "x.usda", *MARK)
+    assert code == 0
+    assert "out.glb: marked" in told
 
 
 @pytest.mark.parametrize(
@@ -134,7 +154,7 @@ def test_an_attacked_clip_is_written_as_a_stage(run):
         ),
         (("embed", "cube.usda", "-o", "x.usda", *MARK, "--uncompress"), "takes no uncompress"),
         (("embed", "ball.glb", "-o", "x.glb", *MARK, "--deliver"), "--deliver writes one of"),
-        (("attack", "noise", "ball.glb", "-o", "x.glb"), "an attack's result is one of"),
+        (("attack", "noise", "ball.glb", "-o", "x.ply"), "an attack's result is one of"),
         (
             ("inspect", "ball.glb", "--clip", "Crawl"),
             "ball.glb: no clip 'Crawl'; there is 'Bend', 'Turn'",

@@ -15,6 +15,8 @@ from meshmark_plugins.readers.gltf.element import Element
 STEP, LINEAR, CUBIC = INTERPOLATIONS = ("STEP", "LINEAR", "CUBICSPLINE")
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 WEIGHTS = "weights"
+# Keys are in single precision: a time that is so close to one, as a share of it, is that.
+SINGLE = float(np.finfo(np.float32).eps)
 # Above this cosine, quaternions are so close that a straight line is the arc, and safer to compute.
 NEARLY_EQUAL = 0.9999
 
@@ -45,6 +47,9 @@ class Track:
     def at(self, time: float) -> FloatArray:
         """Return the value at a time, (C,); before the first key and after the last, theirs."""
         after = int(np.searchsorted(self.times, time, side="right"))
+        for key in (after, after - 1):
+            if 0 <= key < len(self.times) and abs(self.times[key] - time) <= SINGLE * abs(time):
+                return self.values[key]
         if after == 0 or after == len(self.times) or self.interpolation == STEP:
             return self.values[max(after - 1, 0)]
         span = self.times[after] - self.times[after - 1]

@@ -39,6 +39,8 @@ class PlacedMesh:
         Nodes that move it: the joints of its skin, if there is one, and the node itself.
     binding : Binding or None
         To the skin.
+    extras : any JSON value
+        What else is said of the mesh.
     """
 
     node: int
@@ -47,6 +49,7 @@ class PlacedMesh:
     weights: FloatArray
     carriers: tuple[int, ...]
     binding: Binding | None
+    extras: object
 
 
 class Document:
@@ -166,7 +169,8 @@ class Document:
                 binding = bind(geometry.vertices, skin)
             except InputError as error:
                 raise InputError(f"{node.place}: {error.message}") from None
-        return PlacedMesh(index, prim, geometry, weights, (*joints, index), binding)
+        extras = self._meshes.elements[node.mesh].members.get("extras")
+        return PlacedMesh(index, prim, geometry, weights, (*joints, index), binding, extras)
 
     def _skin(self, index: int) -> Skin:
         if index not in self._skins_read:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +21,18 @@ from meshmark_plugins.readers.gltf.container import (
 from meshmark_plugins.readers.gltf.document import Document, PlacedMesh
 from meshmark_plugins.readers.gltf.frames import GltfFrames
 from meshmark_plugins.readers.gltf.grids import require_fine
+from meshmark_plugins.readers.gltf.new import write_new, written_paths
 from meshmark_plugins.readers.gltf.output import files_beside
 from meshmark_plugins.readers.gltf.places import find_places
 from meshmark_plugins.readers.gltf.plain import uncompressed
 from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_track
-from meshmark_plugins.readers.gltf.timeline import FASTEST, STILL, Timeline, frames_of
+from meshmark_plugins.readers.gltf.timeline import (
+    FASTEST,
+    STILL,
+    Timeline,
+    frames_of,
+    told_frames,
+)
 from meshmark_plugins.readers.gltf.uris import buffer_files, files_named
 from meshmark_plugins.readers.gltf.writing import write_marked
 
@@ -130,6 +137,16 @@ class GltfReader:
             ]
             write_marked(path, self._to_write(path), pairs, output)
 
+    def write_new(self, asset: Asset, output: Path) -> None:
+        """Write any asset as a new file; see `new.write_new`."""
+        write_new(asset, output)
+
+    def written_names(self, original: Asset) -> dict[str, str]:
+        """Map the name of each mesh to its name in what is written."""
+        if original.reader != NAME:
+            return written_paths(original)
+        return {mesh.prim: mesh.prim for mesh in original.meshes}
+
     def _to_write(self, path: Path) -> Container:
         container = read_container(path)
         return uncompressed(container, path.parent) if self.uncompress else container
@@ -139,7 +156,9 @@ class GltfReader:
         document = Document(read_container(path), path.parent)
         meshes, left_out = document.meshes()
         clip = document.clip(self.clip, meshes)
-        fps = self.fps or document.densest_rate()
+        tracks = {mesh.prim: weights_track(clip, mesh.node) for mesh in meshes}
+        told = {} if self.fps else _told(meshes, tracks)
+        fps = self.fps or next((each.fps for each in told.values()), document.densest_rate())
         timeline = None if clip is None or not clip.tracks else frames_of(clip, fps)
         return Asset(
             source=source,
@@ -147,8 +166,8 @@ class GltfReader:
                 _animation(
                     mesh,
                     rig_of(document.hierarchy, clip, mesh.carriers),
-                    weights_track(clip, mesh.node),
-                    timeline,
+                    tracks[mesh.prim],
+                    told.get(mesh.prim, timeline),
                     source,
                 )
                 for mesh in meshes
@@ -171,6 +190,17 @@ def _naming(source: str) -> Iterator[None]:
         raise type(error)(
             error.message, source=error.source or source, prim=error.prim, time=error.time
         ) from None
+
+
+def _told(meshes: Sequence[PlacedMesh], tracks: Mapping[str, Track | None]) -> dict[str, Timeline]:
+    """Return the frames that meshes say they have, by their paths; none if rates differ."""
+    told = {}
+    for mesh in meshes:
+        track = tracks[mesh.prim]
+        found = None if track is None else told_frames(mesh.extras, track.times)
+        if found is not None:
+            told[mesh.prim] = found
+    return told if len({each.fps for each in told.values()}) == 1 else {}
 
 
 def _animation(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -23,6 +24,8 @@ EVEN = 1e-2
 # Share of a frame by which a key may miss a time code.
 NEAR_FRAME = 1e-2
 MOST_FRAMES = 100_000
+# What a mesh may say of its keys, in its extras.
+RATE, CODES = "timeCodesPerSecond", "timeCodes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +35,20 @@ class Timeline:
     Parameters
     ----------
     fps : float
-        Time codes per second; code 0 is at 0 s.
+        Time codes per second.
     codes : (T,) float64
         Time codes.
+    begin : float
+        When code 0 is, in seconds.
     """
 
     fps: float
     codes: FloatArray
+    begin: float = 0.0
 
     def seconds(self, index: int) -> float:
         """Return the time of a frame."""
-        return float(self.codes[index]) / self.fps
+        return self.begin + float(self.codes[index]) / self.fps
 
 
 # Of what has no time.
@@ -80,6 +86,35 @@ def frames_of(clip: Clip, fps: float) -> Timeline:
             f"the clip {clip.name[:40]!a} has more than {MOST_FRAMES} frames at {fps:g} a second"
         )
     return Timeline(fps, np.arange(first, last + 1, dtype=np.float64))
+
+
+def told_frames(extras: object, keys: FloatArray) -> Timeline | None:
+    """Return the frames that a mesh says it has; None if it says none that its keys are at.
+
+    Parameters
+    ----------
+    extras : any JSON value
+        Those of the mesh, whoever wrote them.
+    keys : (K,) float64
+        When its keys are, in seconds.
+    """
+    told = extras if isinstance(extras, dict) else {}
+    fps, codes = told.get(RATE), told.get(CODES)
+    if not _is_number(fps) or not isinstance(codes, list) or len(codes) != len(keys):
+        return None
+    if not 0 < fps <= FASTEST or not all(map(_is_number, codes)):
+        return None
+    times = np.array(codes, dtype=np.float64)
+    if (np.diff(times) <= 0).any() or np.abs(times).max() > MOST_FRAMES * FASTEST:
+        return None
+    begins = keys - times / fps
+    if np.ptp(begins) * fps > NEAR_FRAME:
+        return None
+    return Timeline(float(fps), times, float(begins[0]))
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return type(value) in (int, float)
 
 
 def _rate(times: FloatArray) -> float:
