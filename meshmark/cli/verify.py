@@ -303,6 +303,8 @@ def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) 
 def _tell(verdict: Verdict, everything: bool) -> None:
     whose = f", copy of {_names_of(verdict.recipients)}" if verdict.recipient else ""
     say(f"{verdict.source}: {verdict.verdict}{whose}, log10 p {verdict.log10_p:.2f}")
+    for pool in verdict.pooled:
+        say(f"  {pool.meshes} meshes together by {pool.scheme}: log10 p {pool.log10_p:.2f}")
     shown = sorted(verdict.prims, key=lambda prim: prim.log10_p)
     shown = list(verdict.prims) if everything or len(shown) <= MOST_SHOWN else shown[:MOST_SHOWN]
     whose_differ = len(verdict.recipients) > 1

@@ -55,10 +55,10 @@ def by_looks(own: Observation, reference: Observation) -> FloatArray:
     """
     shape = cdist(own.descriptors, reference.descriptors)
     soft, of_reference = (each.soft[0].astype(np.float64) for each in (own, reference))
-    return shape + AGREEMENT * (1.0 - _agreement(soft, of_reference))
+    return shape + AGREEMENT * (1.0 - agreement(soft, of_reference))
 
 
-def _agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
+def agreement(S: FloatArray, reference: FloatArray) -> FloatArray:
     """Correlation of the evidence (C, K) of each carrier with that (D, K) of each other."""
     S = S / np.maximum(np.linalg.norm(S, axis=1, keepdims=True), 1e-12)
     reference = reference / np.maximum(np.linalg.norm(reference, axis=1, keepdims=True), 1e-12)

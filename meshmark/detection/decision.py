@@ -9,14 +9,17 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
+from meshmark.detection.pooling import POOLED_SHARE, Pool, pools
 from meshmark.detection.significance import HypothesisResult, judge_each
 from meshmark.detection.verdict import (
     Answer,
     InformedVerdict,
     Named,
+    PooledVerdict,
     PrimVerdict,
     Verdict,
     best_of_each,
+    best_of_each_scheme,
 )
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread
@@ -57,17 +60,25 @@ def decide(
     The best of n hypotheses is worth n times its p (union bound): schemes and recipients for
     each mesh; a verdict that may spend a share of the rate, its p over that share. Meshes and
     parts of meshes share what a scheme may spend by what they could show, see `shares`: a part
-    with the share w is worth its p over w.
+    with the share w is worth its p over w. Where a scheme measured several, half of what it may
+    spend is for what they say together, see `pooled`.
     """
     hypotheses: tuple[str | None, ...] = (None, *recipients)
     correction = float(np.log10(n_schemes * len(hypotheses) / share))
     log10_fpr = float(np.log10(fpr))
-    corrections = correction - shares(evidence)
+    found = pooled(evidence)
+    schemes = {pool.scheme for pool, _ in found}
+    left = [1.0 - POOLED_SHARE if item.scheme in schemes else 1.0 for item in evidence]
+    corrections = correction - shares(evidence) - np.log10(left)
     # Last digits must not depend on whether evidence was measured just now or read from a file.
     with one_thread():
         judged = [
             _Judged.of(item, key, hypotheses, float(each), log10_fpr)
             for item, each in zip(evidence, corrections, strict=True)
+        ]
+        several = [
+            _Several.of(pool, key, hypotheses, correction - share, log10_fpr)
+            for pool, share in found
         ]
     if not judged:
         return Verdict.of_nothing(source, notes)
@@ -76,19 +87,29 @@ def decide(
         for prim in (one.evidence.prim, *one.evidence.also):
             by_prim.setdefault(prim, []).append(one)
     prims = tuple(_prim_verdict(prim, ones, log10_fpr) for prim, ones in by_prim.items())
-    best = min(judged, key=lambda one: one.log10_p)
-    answer = _answer(best.log10_p, min(one.reachable for one in judged), log10_fpr)
-    recipients_found = best_of_each(named for one in judged for named in one.named)
+    all_judged: list[_Judged | _Several] = [*judged, *several]
+    best = min(all_judged, key=lambda one: one.log10_p)
+    answer = _answer(best.log10_p, min(one.reachable for one in all_judged), log10_fpr)
     return Verdict(
         source=source,
         verdict=answer,
         log10_p=best.log10_p,
-        recipient=best.findings[0].recipient if answer == "marked" else None,
+        recipient=best.recipient if answer == "marked" else None,
         elapsed_s=0.0,
         prims=prims,
         notes=tuple(notes),
-        recipients=recipients_found,
+        recipients=best_of_each(named for one in all_judged for named in one.named),
+        pooled=best_of_each_scheme(one.verdict for one in several),
     )
+
+
+def pooled(evidence: Sequence[Evidence]) -> list[tuple[Pool, float]]:
+    """List what is judged together, each with log10 of its share of its scheme's rate."""
+    found = []
+    for scheme in dict.fromkeys(item.scheme for item in evidence):
+        of_scheme = pools([item for item in evidence if item.scheme == scheme])
+        found += [(pool, float(np.log10(POOLED_SHARE / len(of_scheme)))) for pool in of_scheme]
+    return found
 
 
 def shares(evidence: Sequence[Evidence]) -> FloatArray:
@@ -153,6 +174,11 @@ class _Judged:
         return self.corrected(self.findings[0].log10_p)
 
     @property
+    def recipient(self) -> str | None:
+        """Whose words fit best."""
+        return self.findings[0].recipient
+
+    @property
     def reachable(self) -> float:
         """Lowest bound that the best of keys could reach."""
         return self.evidence.reachable_log10_p + self.correction
@@ -166,6 +192,53 @@ class _Judged:
                 alone = finding.log10_p_per_frame + self.correction <= self.log10_fpr
                 times = self.evidence.times[alone]
                 yield Named(finding.recipient, log10_p, tuple(times.tolist()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Several:
+    """What a key makes of several meshes together, corrected for every search.
+
+    Parameters
+    ----------
+    verdict : PooledVerdict
+    recipient : str or None
+        Whose words fit best.
+    reachable : float
+        Lowest bound that the best of keys could reach.
+    named : tuple of Named
+        Everybody whose words are in it.
+    """
+
+    verdict: PooledVerdict
+    recipient: str | None
+    reachable: float
+    named: tuple[Named, ...]
+
+    @classmethod
+    def of(
+        cls,
+        pool: Pool,
+        key: Key,
+        hypotheses: Sequence[str | None],
+        correction: float,
+        log10_fpr: float,
+    ) -> _Several:
+        """Try a key and every recipient."""
+        words = key.words_of(pool.scheme, pool.n_words, pool.n_chips, hypotheses)
+        log10_p = np.minimum(0.0, pool.log10_p(words) + correction)
+        best = int(np.argmin(log10_p))
+        fitting = np.flatnonzero(log10_p <= log10_fpr).tolist()
+        return cls(
+            PooledVerdict(pool.scheme, len(pool.evidence), float(log10_p[best])),
+            hypotheses[best],
+            pool.reachable_log10_p + correction,
+            tuple(Named(hypotheses[n], float(log10_p[n])) for n in fitting),
+        )
+
+    @property
+    def log10_p(self) -> float:
+        """Bound for what fits best."""
+        return self.verdict.log10_p
 
 
 def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> PrimVerdict:

@@ -117,6 +117,28 @@ class PrimVerdict:
 
 
 @dataclass(frozen=True)
+class PooledVerdict:
+    """What several meshes say together by one scheme.
+
+    Parameters
+    ----------
+    scheme : str
+    meshes : int
+        How many, or how many surfaces of meshes.
+    log10_p : float
+        Bound from their evidence alone, corrected for every search.
+    """
+
+    scheme: str
+    meshes: int
+    log10_p: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of this scheme under `pooled`."""
+        return {"scheme": self.scheme, "meshes": self.meshes, "log10_p": self.log10_p}
+
+
+@dataclass(frozen=True)
 class Verdict:
     """The answer for one source.
 
@@ -144,6 +166,8 @@ class Verdict:
         Everybody whose words are in it, what fits best first; `prims` tell where.
     original : str or None
         What the copy was compared with.
+    pooled : tuple of PooledVerdict
+        What several meshes say together, one for each scheme that found several.
     """
 
     source: str
@@ -156,6 +180,7 @@ class Verdict:
     unauthenticated: Verdict | None = None
     recipients: tuple[Named, ...] = ()
     original: str | None = None
+    pooled: tuple[PooledVerdict, ...] = ()
 
     @classmethod
     def of_nothing(cls, source: str, notes: Sequence[str] = (), elapsed_s: float = 0.0) -> Verdict:
@@ -173,6 +198,7 @@ class Verdict:
             "recipients": [named.recipient for named in self.recipients],
             "elapsed_s": round(self.elapsed_s, 3),
             "prims": [prim.as_json() for prim in self.prims],
+            "pooled": [each.as_json() for each in self.pooled],
             "notes": list(self.notes),
         }
         if self.original is not None:
@@ -202,8 +228,12 @@ def together(one: Verdict, two: Verdict) -> Verdict:
             min(known, prim, key=lambda prim: prim.log10_p),
             recipients=best_of_each((*known.recipients, *prim.recipients)),
         )
-    recipients = best_of_each((*one.recipients, *two.recipients))
-    return replace(best, prims=tuple(by_prim.values()), recipients=recipients)
+    return replace(
+        best,
+        prims=tuple(by_prim.values()),
+        recipients=best_of_each((*one.recipients, *two.recipients)),
+        pooled=best_of_each_scheme((*one.pooled, *two.pooled)),
+    )
 
 
 def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
@@ -226,7 +256,7 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
     prims = tuple(
         _joint_prim(alone.get(name), beside.get(name), log10_fpr) for name in {**alone, **beside}
     )
-    log10_p = _joint(_strongest(blind), _strongest(informed))
+    log10_p = _joint((blind.log10_p, informed.log10_p))
     answer = _answer(log10_p, informed.verdict, log10_fpr)
     names = _named((*blind.recipients, *informed.recipients), log10_fpr)
     recipients = names if answer == "marked" else ()
@@ -238,6 +268,7 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
         prims=prims,
         notes=tuple(dict.fromkeys((*blind.notes, *informed.notes))),
         recipients=recipients,
+        pooled=(*blind.pooled, *informed.pooled),
     )
 
 
@@ -246,7 +277,7 @@ def _joint_prim(
 ) -> PrimVerdict:
     """Join what one mesh says by itself with what it says beside its original."""
     both = [prim for prim in (blind, informed) if prim is not None]
-    log10_p = _joint(blind, informed)
+    log10_p = _joint([prim.log10_p for prim in both])
     return replace(
         min(both, key=lambda prim: prim.log10_p),
         log10_p=log10_p,
@@ -256,13 +287,8 @@ def _joint_prim(
     )
 
 
-def _strongest(verdict: Verdict) -> PrimVerdict | None:
-    return min(verdict.prims, key=lambda prim: prim.log10_p, default=None)
-
-
-def _joint(blind: PrimVerdict | None, informed: PrimVerdict | None) -> float:
+def _joint(each: Sequence[float]) -> float:
     """Bound log10 p by the best of both and of their product."""
-    each = [prim.log10_p for prim in (blind, informed) if prim is not None]
     log10_q = sum(each)
     product = log10_q + np.log10(1.0 - log10_q * np.log(10.0))
     return min(0.0, TRIPLE + float(min((product, *each))))
@@ -289,3 +315,11 @@ def best_of_each(named: Iterable[Named]) -> tuple[Named, ...]:
         times = tuple(sorted({*known.times, *one.times}))
         best[one.recipient] = replace(min(known, one, key=lambda n: n.log10_p), times=times)
     return tuple(sorted(best.values(), key=lambda one: one.log10_p))
+
+
+def best_of_each_scheme(pooled: Iterable[PooledVerdict]) -> tuple[PooledVerdict, ...]:
+    """Keep the lowest p of every scheme."""
+    best: dict[str, PooledVerdict] = {}
+    for one in pooled:
+        best[one.scheme] = min(best.get(one.scheme, one), one, key=lambda each: each.log10_p)
+    return tuple(best.values())

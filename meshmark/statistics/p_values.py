@@ -92,7 +92,7 @@ def word_log_e_means(
     """
     lead, flat = words.shape[:-2], words.reshape(-1, *words.shape[-2:])
     windows = None if posterior is None else posterior.windows(words.shape[-2])
-    log_null = _log_null(S)
+    log_null = log_null_of(S)
     width = words.shape[-2] if windows is None else WINDOW_SIZE
     at_once = max(1, SCORES_AT_ONCE // (S.shape[0] * S.shape[1] * width))
     means = [
@@ -110,10 +110,10 @@ def approximate_log_mean_by_hypothesis(
     Parameters are those of `word_log_e_means`, for words (M, K).
     """
     windows = posterior.windows(len(words))
-    return approximate_log_means(S, words[None], _log_null(S), log_prior, windows)[0]
+    return approximate_log_means(S, words[None], log_null_of(S), log_prior, windows)[0]
 
 
-def _log_null(S: FloatArray) -> FloatArray:
+def log_null_of(S: FloatArray) -> FloatArray:
     """Sum log cosh of tilt times evidence (R, C, K), (R, T, C)."""
     return log_cosh(TILTS[:, None, None, None] * S).sum(axis=-1).transpose(1, 0, 2)
 

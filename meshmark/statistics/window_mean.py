@@ -7,6 +7,8 @@ exactly; they are found by cheaper approximations.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import logsumexp
 
@@ -49,6 +51,42 @@ def mean_over_windows(
         Log of the mean, of which only the largest terms are summed up: no term is negative, so
         that leaving some out can only make the e-value smaller.
     """
+    terms = largest_terms(S, words, log_null, log_prior, windows)
+    e, shape = terms.e.reshape(-1, *terms.e.shape[2:]), terms.shift.shape
+    log_means = windows.log_mean(e, terms.shift.ravel(), terms.hypothesis.ravel())
+    return logsumexp(log_means.reshape(shape) + terms.log_weight, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The largest terms of such means for n keys, P for each, the largest first.
+
+    Parameters
+    ----------
+    e : (n, P, C, W) float64
+        E-value of each word of a carrier's window.
+    shift, hypothesis : (n, P) int
+    log_weight : (n, P) float64
+        Log prior of the hypothesis, tilt and shift together.
+    """
+
+    e: FloatArray
+    shift: IntArray
+    hypothesis: IntArray
+    log_weight: FloatArray
+
+
+def largest_terms(
+    S: FloatArray,
+    words: SignArray,
+    log_null: FloatArray,
+    log_prior: FloatArray,
+    windows: WordWindows,
+) -> Terms:
+    """Find the largest terms of the mean, as far as approximations tell.
+
+    Parameters are those of `mean_over_windows`.
+    """
     rows = np.arange(len(words))[:, None]
     listed = _shortlist(S, words, log_null, log_prior, windows)
     score = windows.scores_under(S, words, listed)
@@ -58,10 +96,9 @@ def mean_over_windows(
     log_weight = log_prior[hypothesis][:, None, :, None] - np.log(len(TILTS))
     log_weight = log_weight + np.log(SHIFT_PRIOR)[:, None, None]
     shift, rank, tilt = top_terms(windows.approximate_log_mean(e, hypothesis) + log_weight)
-    chosen = e[rows, rank, tilt].reshape(-1, *score.shape[2:])
-    log_means = windows.log_mean(chosen, shift.ravel(), hypothesis[rows, rank].ravel())
-    terms = log_means.reshape(shift.shape) + log_weight[rows, shift, rank, 0]
-    return logsumexp(terms, axis=-1)
+    return Terms(
+        e[rows, rank, tilt], shift, hypothesis[rows, rank], log_weight[rows, shift, rank, 0]
+    )
 
 
 def approximate_log_means(

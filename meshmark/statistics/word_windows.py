@@ -120,7 +120,7 @@ class WordWindows:
         new = np.isnan(known[shift, hypothesis])
         if new.any():
             q, r = np.unique(np.stack([shift[new], hypothesis[new]]), axis=1)
-            known[q, r] = np.log(_assignment_sums(self.first[r], self.prior[q, r], self.p_null[r]))
+            known[q, r] = np.log(assignment_sums(self.first[r], self.prior[q, r], self.p_null[r]))
         return known[shift, hypothesis]
 
     @cached_property
@@ -220,12 +220,12 @@ class WordWindows:
         """
         scale = np.maximum(e.max(axis=-1), 1.0)
         x = self.prior[shift, hypothesis] * (e / scale[..., None])
-        summed = _assignment_sums(self.first[hypothesis], x, self.p_null[hypothesis] / scale)
+        summed = assignment_sums(self.first[hypothesis], x, self.p_null[hypothesis] / scale)
         mean: FloatArray = np.log(summed) + np.log(scale).sum(axis=-1)
         return mean - self.log_total_prior(shift, hypothesis)
 
 
-def _assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
+def assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
     """Sum prod x[c, word of c] over all assignments that hold no word twice, (N,).
 
     The sum is a permanent of a banded matrix. Carriers are taken in the order of their windows, so
