@@ -51,7 +51,8 @@ def inspect(
         put_json(document)
     else:
         _tell(document)
-    if not all(prim["can_hold"] for prim in document["prims"]):
+    missing = [each for each in document["left_out"] if not each["guide"]]
+    if missing or not all(prim["can_hold"] for prim in document["prims"]):
         raise typer.Exit(CANNOT_HOLD)
 
 
@@ -62,8 +63,7 @@ def _tell(document: dict[str, Any]) -> None:
     for prim in document["prims"]:
         kind = "" if prim["constant_topology"] else ", connectivity changes over time"
         typer.echo(
-            f"  {prim['prim']}: {prim['frames']} frames, {prim['points']} points, "
-            f"{prim['faces']} faces{kind}"
+            f"  {prim['prim']}: {_frames(prim)}, {_points(prim)}, {prim['faces']} faces{kind}"
         )
         for note in prim["notes"]:
             typer.echo(f"    note: {note}")
@@ -78,3 +78,16 @@ def _tell(document: dict[str, Any]) -> None:
         for layer in prim["layers"]:
             if prim["can_hold"] and not layer["can_hold"]:
                 typer.echo(f"    no mark by {layer['scheme']}: {layer['reason']}")
+
+
+def _frames(prim: dict[str, Any]) -> str:
+    if prim["times"] is None:
+        return "1 frame of no time"
+    first, last = prim["times"]
+    return f"{prim['frames']} frames from {first:g} to {last:g}"
+
+
+def _points(prim: dict[str, Any]) -> str:
+    """Say how many points there are, and places, where several points lie in one."""
+    apart = prim["places"] < prim["points"]
+    return f"{prim['points']} points" + (f" at {prim['places']} places" if apart else "")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from meshmark.arrays import FloatArray
 from meshmark.detection.extraction import extract
 from meshmark.errors import CapacityError, InputError, MeshmarkError, NoExtentError
 from meshmark.extension.informed import InformedScheme, layout_frame
@@ -44,6 +45,10 @@ def inspect_asset(asset: Asset, recipe: Recipe | Sequence[Recipe] | None = None)
         "scheme": layers[0].scheme,
         "notes": list(asset.notes),
         "prims": [_prim(animation, layers) for animation in asset.meshes],
+        "left_out": [
+            {"prim": each.prim, "reason": each.reason, "guide": each.guide}
+            for each in asset.left_out
+        ],
     }
 
 
@@ -54,7 +59,9 @@ def _prim(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "prim": animation.prim,
         "frames": len(animation),
+        "times": _span(animation.times),
         "points": first.topology.n_points,
+        "places": len(np.unique(first.points, axis=0)),
         "faces": len(first.topology.counts),
         "constant_topology": animation.constant_topology,
         "notes": [*animation.notes, *_passed_over(bad.values())],
@@ -71,7 +78,18 @@ def _prim(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
     tried = [_layer(animation, sound, index, recipe) for recipe in layers]
     told = [{"scheme": recipe.scheme, **found} for recipe, found in zip(layers, tried, strict=True)]
     best = next((found for found in tried if found["can_hold"]), tried[0])
+    if not best["can_hold"] and len(told) > 1:
+        best = {**best, "reason": _reasons(told)}
     return {**entry, **best, "layers": told}
+
+
+def _span(times: FloatArray) -> list[float] | None:
+    """Return the first and the last time; None if nothing changes over time."""
+    return None if np.isnan(times).any() else [float(times[0]), float(times[-1])]
+
+
+def _reasons(layers: Iterable[dict[str, Any]]) -> str:
+    return "; ".join(f"{layer['scheme']}: {layer['reason']}" for layer in layers)
 
 
 def why_not(
@@ -86,14 +104,14 @@ def why_not(
     except (CapacityError, InputError) as error:
         return error.message
     sound = animation.select(fit)
-    reasons = []
+    tried: list[dict[str, Any]] = []
     # Informed schemes come last, and are the quickest to ask.
     for layer in reversed(in_order(recipe)):
         found = _layer(animation, sound, fit[0], layer)
         if found["can_hold"]:
             return None
-        reasons.append(f"{layer.scheme}: {found['reason']}")
-    return "; ".join(reasons)
+        tried.append({"scheme": layer.scheme, **found})
+    return _reasons(tried)
 
 
 def _layer(

@@ -109,7 +109,7 @@ def test_inspect_tells_of_clips_and_frames(run):
     code, out, _ = run("inspect", "ball.glb", "--scheme", "relief")
     assert code == 0
     assert "note: clip 'Bend' is read; there is also 'Turn'" in out
-    assert "/root/ball: 17 frames, 642 points, 1280 faces" in out
+    assert "/root/ball: 17 frames from 0 to 16, 642 points, 1280 faces" in out
     code, out, _ = run("inspect", "ball.glb", "--scheme", "relief", "--clip", "Turn", "--json")
     assert json.loads(out)["fps"] == 24
     assert json.loads(out)["prims"][0]["frames"] == 7

@@ -334,7 +334,7 @@ def test_names_are_told_in_one_line(tmp_path, monkeypatch, capsys):
     assert inspect(Path(made.save(tmp_path / "odd.glb")), monkeypatch) == 1
     told = capsys.readouterr().out
     assert "\x1b" not in told
-    assert "/a_b__31m: 1 frames" in told
+    assert "/a_b__31m: 1 frame of no time" in told
     assert r"clip 'x\ny\x1b[31m' is read; there is also 'z\r'" in told
 
 

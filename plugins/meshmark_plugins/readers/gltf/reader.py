@@ -225,6 +225,15 @@ def _animation(
         source=frames,
         prim=mesh.prim,
         origin=source,
-        notes=(flaw,) if flaw else (),
+        notes=(*_rigged(mesh), *((flaw,) if flaw else ())),
         flaw=flaw,
     )
+
+
+def _rigged(mesh: PlacedMesh) -> tuple[str, ...]:
+    """Say what poses a mesh, beside its node."""
+    # The last of the binding's matrices is the node's.
+    joints = 0 if mesh.binding is None else len(mesh.binding.inverse_bind) - 1
+    found = {"joints": joints, "morph targets": len(mesh.weights)}
+    told = " and ".join(f"{number} {kind}" for kind, number in found.items() if number)
+    return (f"rigged: posed by {told}",) if told else ()
