@@ -18,6 +18,7 @@ from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
 from meshmark.sources.reading import read
 from meshmark.sources.writing import writer, written_names
+from meshmark.usd.names import KEEP
 from meshmark.workers.progress import MeshProgress
 
 
@@ -70,7 +71,7 @@ def make_copy(
     """
     start = time.perf_counter()
     original = read(subject.source)
-    write = writer(original, path)
+    write = writer(original, path, primvars=KEEP)
     marked = embed(
         split_in_place(split_fit(original)),
         key,
@@ -158,7 +159,7 @@ def _chosen(subject: Subject, original: Asset) -> Asset:
 
 
 def _written(original: Asset, marked: Asset, path: Path, start: float) -> dict[str, Any]:
-    writer(original, path)(marked)
+    writer(original, path, primvars=KEEP)(marked)
     written = written_names(original, path)
     return {
         "file": path.name,

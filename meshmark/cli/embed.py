@@ -26,7 +26,7 @@ from meshmark.cli.options import (
     reader_parameters,
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
-from meshmark.usd.names import BAKE
+from meshmark.usd.names import BAKE, FOLLOW
 
 NOT_ALL_MARKED = 1
 
@@ -106,6 +106,14 @@ def embed(
         bool,
         typer.Option("--stamp", help="Say on the marked prims that they are (MeshmarkAPI)."),
     ] = False,
+    primvars: Annotated[
+        str,
+        typer.Option(
+            metavar="follow|keep",
+            help="What becomes of texture coordinates, colours and normals where points slid: take "
+            "their values from the new place, or keep them.",
+        ),
+    ] = FOLLOW,
     every: Annotated[
         bool,
         typer.Option("--all", help="Print every message, not only the first few of each kind."),
@@ -139,6 +147,7 @@ def embed(
             keep_metadata=keep_metadata,
             skel=skel,
             stamp=stamp,
+            primvars=primvars,
             dry_run=dry_run,
             trusted=trusted,
             jobs=default_jobs(),

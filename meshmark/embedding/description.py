@@ -19,6 +19,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.metrics import distortion
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.facts import texture_coordinates
+from meshmark.usd.names import KEEP, READER
 from meshmark.usd.stamp import Stamp
 from meshmark.version import __version__
 
@@ -38,6 +39,7 @@ def describe_run(
     frames: str | None,
     deliver: bool,
     skel: str,
+    primvars: str,
 ) -> dict[str, Any]:
     """Tell what is marked, as whose copy and how.
 
@@ -65,6 +67,7 @@ def describe_run(
         "output": output.name,
         "delivered": deliver,
         "skel": skel,
+        "primvars": primvars,
         "key_id": key.id,
         "recipient": recipient,
         "frames": frames,
@@ -102,7 +105,7 @@ def stamps_told(document: Mapping[str, Any]) -> dict[str, Stamp]:
 
 
 def describe_marks(
-    marked: MarkedAsset, written: Asset, verdict: Verdict, *, jobs: int
+    marked: MarkedAsset, written: Asset, verdict: Verdict, *, primvars: str, jobs: int
 ) -> dict[str, Any]:
     """Tell of each marked mesh how far it was moved, and what verification says of it.
 
@@ -114,14 +117,22 @@ def describe_marks(
         The marked meshes as they were written, in the same order.
     verdict : Verdict
         On what was written, at `TARGET_FPR`.
+    primvars : {"follow", "keep"}
+        Whether texture coordinates are others in what was written.
     jobs : int
         Worker processes.
     """
     verdicts = {prim.prim: prim for prim in verdict.prims}
+    coordinates = [
+        _coordinates(marked.original, written, mesh.original.prim, primvars)
+        for mesh in marked.meshes
+    ]
     return {
         "prims": [
-            _mesh(marked.original, mesh, shown, verdicts.get(mesh.animation.prim), jobs)
-            for mesh, shown in zip(marked.meshes, written.meshes, strict=True)
+            _mesh(mesh, shown, verdicts.get(mesh.animation.prim), textures, jobs)
+            for mesh, shown, textures in zip(
+                marked.meshes, written.meshes, coordinates, strict=True
+            )
         ],
         "verification": {
             "verdict": verdict.verdict,
@@ -131,12 +142,27 @@ def describe_marks(
     }
 
 
+def _coordinates(asset: Asset, written: Asset, prim: str, primvars: str) -> dict[str, Any]:
+    """Return the texture coordinates of a mesh before, and those after if they may be others."""
+    if primvars == KEEP or asset.reader != READER or written.source == asset.source:
+        return {"uv": texture_coordinates(asset, prim)}
+    from meshmark.usd.texture_coordinates import TextureCoordinates
+
+    before, after = (
+        TextureCoordinates(each.source, prim, each.variants) for each in (asset, written)
+    )
+    return {"uv": before, "marked_uv": after}
+
+
 def _mesh(
-    asset: Asset, mesh: MarkedMesh, shown: MeshAnimation, verdict: PrimVerdict | None, jobs: int
+    mesh: MarkedMesh,
+    shown: MeshAnimation,
+    verdict: PrimVerdict | None,
+    coordinates: dict[str, Any],
+    jobs: int,
 ) -> dict[str, Any]:
     first, chosen = mesh.original[0], mesh.frames
-    uv = texture_coordinates(asset, mesh.original.prim)
-    found = distortion(mesh.original.select(chosen), shown.select(chosen), uv=uv, jobs=jobs)
+    found = distortion(mesh.original.select(chosen), shown.select(chosen), **coordinates, jobs=jobs)
     told = None if verdict is None else verdict.as_json()
     kept = ("verdict", "log10_p", "chips", "ber")
     return {

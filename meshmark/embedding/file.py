@@ -35,7 +35,7 @@ from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
-from meshmark.usd.names import BAKE, REST_POSE
+from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
 from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
@@ -63,6 +63,7 @@ def mark_file(
     keep_metadata: bool = False,
     skel: str = BAKE,
     stamp: bool = False,
+    primvars: str = FOLLOW,
     dry_run: bool = False,
     trusted: bool = True,
     jobs: int = 1,
@@ -106,6 +107,9 @@ def mark_file(
     stamp : bool
         Apply the schema `MeshmarkAPI` to the marked meshes of a stage: it says that they are
         marked, by which schemes, and the record that the manifest has.
+    primvars : {"follow", "keep"}
+        What becomes of texture coordinates, colours, normals and the like on points of a stage
+        that slid: they get the values of their new places, or keep their own.
     dry_run : bool
         Do everything but write.
     trusted : bool
@@ -128,7 +132,7 @@ def mark_file(
         Nothing is written then, unless it is what was written that cannot be verified, or its
         source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
-    _require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel)
+    _require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel, primvars)
     target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
     original = _original(source, prims, parameters, trusted)
@@ -142,6 +146,7 @@ def mark_file(
         deliver=deliver,
         keep_metadata=keep_metadata,
         skel=skel,
+        primvars=primvars,
     )
     keep = _keeper(master, original, target, parameters, layers, skel)
     others: Sequence[LeftOut] = ()
@@ -182,6 +187,7 @@ def mark_file(
             frames=frames,
             deliver=deliver,
             skel=skel,
+            primvars=primvars,
         )
         document["skipped"] = _skipped(marked, markable, others, deliver)
         if stamp:
@@ -190,10 +196,13 @@ def mark_file(
         require_unchanged(files)
         if dry_run:
             verdict = verify(marked.asset, marked)
-            return Manifest(document | describe_marks(marked, marked.asset, verdict, jobs=jobs))
+            return Manifest(
+                document
+                | describe_marks(marked, marked.asset, verdict, primvars=primvars, jobs=jobs)
+            )
         with announced(document, target):
             verified = partial(verify, marked=marked)
-            document |= _written(marked, target, parameters, write, verified, jobs)
+            document |= _written(marked, target, parameters, write, verified, primvars, jobs)
             keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
@@ -215,9 +224,12 @@ def _require_sensible(
     allow_unmarked: Sequence[str],
     keep_metadata: bool,
     skel: str,
+    primvars: str,
 ) -> None:
     if skel not in (BAKE, REST_POSE):
         raise UsageError(f"--skel {skel}: it must be {BAKE} or {REST_POSE}")
+    if primvars not in (FOLLOW, KEEP):
+        raise UsageError(f"--primvars {primvars}: it must be {FOLLOW} or {KEEP}")
     if skel == REST_POSE and frames is not None:
         raise UsageError("--skel rest with --frames: a rest pose shows in every frame")
     if deliver and frames is not None:
@@ -260,6 +272,7 @@ def _written(
     parameters: Mapping[str, Any] | None,
     write: Callable[..., Delivery | Override | None],
     verified: Callable[[Asset], Verdict],
+    primvars: str,
     jobs: int,
 ) -> dict[str, Any]:
     """Write what was marked, read it back, verify it, and tell of it."""
@@ -267,7 +280,8 @@ def _written(
     told = {} if done is None else done.as_json()
     prims = [mesh.original.prim for mesh in marked.meshes]
     written = read_back(marked.original, target, prims, parameters)
-    return told | describe_marks(marked, written, verified(written), jobs=jobs)
+    verdict = verified(written)
+    return told | describe_marks(marked, written, verdict, primvars=primvars, jobs=jobs)
 
 
 def _keeper(
@@ -293,7 +307,8 @@ def _keeper(
     if path.resolve() == target.resolve():
         raise UsageError("the master is the output", source=path)
     check_output(path, original, deliver=False)
-    return writer(original, path, parameters=parameters, skel=skel)
+    # Nobody looks at it but `verify`, which reads points alone.
+    return writer(original, path, parameters=parameters, skel=skel, primvars=KEEP)
 
 
 def _verify(

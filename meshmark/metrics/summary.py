@@ -14,7 +14,7 @@ from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change, normal_turn
 from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.surface_distance import surface_distance
-from meshmark.metrics.texture import texture_drift
+from meshmark.metrics.texture import Coordinates, Texture
 from meshmark.workers.ordered_map import ordered_map
 
 
@@ -73,7 +73,8 @@ def distortion(
     marked: MeshAnimation,
     frames: Sequence[int] | None = None,
     *,
-    uv: FloatArray | None = None,
+    uv: FloatArray | Coordinates | None = None,
+    marked_uv: Coordinates | None = None,
     samples: int | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -87,8 +88,11 @@ def distortion(
     frames : sequence of int, optional
         Indices of the frames to compare, increasing; all by default. Flicker and jitter are
         then between neighbours among these.
-    uv : (N, 2) or (F, 3, 2) float64, optional
-        Texture coordinates of the vertices or of the triangles' corners, in every frame.
+    uv : (N, 2) or (F, 3, 2) float64, or callable, optional
+        Texture coordinates of the vertices or of the triangles' corners, in every frame; or what
+        returns them for a time.
+    marked_uv : callable, optional
+        Returns those of the marked animation for a time, where they are others.
     samples, seed
         As in `surface_distance`.
     jobs : int
@@ -108,7 +112,7 @@ def distortion(
     chosen = range(len(original)) if frames is None else frames
     if not len(chosen):
         raise UsageError("there is no frame to compare", prim=original.prim)
-    compare = _CompareFrames(original, marked, uv, samples, seed)
+    compare = _CompareFrames(original, marked, Texture(uv, marked_uv), samples, seed)
     rows: list[dict[str, float]] = []
     restlessness, trembling = Flicker(), Jitter()
     # What needs the frames in order is done here, while workers compare those ahead.
@@ -135,17 +139,17 @@ class _CompareFrames:
 
     original: MeshAnimation
     marked: MeshAnimation
-    uv: FloatArray | None
+    texture: Texture
     samples: int | None
     seed: int
 
     def __call__(self, index: int) -> dict[str, float]:
         pair = self.original[index], self.marked[index]
-        return _frame_distortion(*pair, self.uv, self.samples, self.seed)
+        return _frame_distortion(*pair, self.texture, self.samples, self.seed)
 
 
 def _frame_distortion(
-    before: Frame, after: Frame, uv: FloatArray | None, samples: int | None, seed: int
+    before: Frame, after: Frame, texture: Texture, samples: int | None, seed: int
 ) -> dict[str, float]:
     distance = surface_distance(
         before.points, before.faces, after.points, after.faces, samples=samples, seed=seed
@@ -169,5 +173,5 @@ def _frame_distortion(
         "min_angle_change": min_angle_change(*pair),
         "normal_turn": normal_turn(*pair),
         "max_move_edges": max_move_edges(*pair),
-        "texture_drift": math.nan if uv is None else float(texture_drift(*pair, uv).max()),
+        "texture_drift": texture.largest_drift(before.time, *pair),
     }

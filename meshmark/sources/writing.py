@@ -18,7 +18,7 @@ from meshmark.sources.readers import (
     reader_called,
     takes,
 )
-from meshmark.usd.names import BAKE, LAYER_SUFFIXES
+from meshmark.usd.names import BAKE, FOLLOW, LAYER_SUFFIXES
 from meshmark.usd.reader import UsdReader
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def writer(
     deliver: bool = False,
     keep_metadata: bool = False,
     skel: str = BAKE,
+    primvars: str = FOLLOW,
 ) -> Callable[..., Delivery | Override | None]:
     """Return what `write` would call with the marked asset, so that a bad output is known early.
 
@@ -82,10 +83,15 @@ def writer(
     path, usd = Path(output), UsdReader()
     if deliver and usd.writes(path):
         return partial(
-            usd.deliver, original=original, output=path, keep_metadata=keep_metadata, skel=skel
+            usd.deliver,
+            original=original,
+            output=path,
+            keep_metadata=keep_metadata,
+            skel=skel,
+            primvars=primvars,
         )
     if usd.writes(path):
-        return partial(usd.lay, original=original, output=path, skel=skel)
+        return partial(usd.lay, original=original, output=path, skel=skel, primvars=primvars)
     reader = reader_called(original.reader, parameters)
     if reader.writes(path):
         reader.require_writable(original.source, path)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +30,57 @@ Witness = Callable[[float, LocalPoints, LocalPoints], None]
 NO_MOVE = 1e-14
 
 
+@dataclass(frozen=True, eq=False)
+class MarkedFrames:
+    """The points of a prim before and after marking, read a frame at a time.
+
+    Parameters
+    ----------
+    times : tuple of float
+        All at which the source has points.
+    marked : tuple of int
+        Indices of those that were marked.
+    read : callable
+        Returns the points (N, 3) before and after of the frame of an index, in the prim's space.
+    """
+
+    times: tuple[float, ...]
+    marked: tuple[int, ...]
+    read: Callable[[int], tuple[LocalPoints, LocalPoints]]
+
+    @classmethod
+    def of(cls, points: MeshPoints, marked: MeshAnimation) -> MarkedFrames:
+        """Pair the times of a prim with those of its marked animation.
+
+        Raises
+        ------
+        UsageError
+            If a marked frame is at a time the source has no points at.
+        """
+        with blamed(marked.origin, str(points.prim.GetPath())):
+            pairs = _matched(points, marked)
+        chosen = tuple(i for i, (_, index) in enumerate(pairs) if index is not None)
+        return cls(tuple(time for time, _ in pairs), chosen, partial(_read, points, marked, pairs))
+
+    @classmethod
+    def single(cls, before: LocalPoints, after: LocalPoints) -> MarkedFrames:
+        """Return one frame that has no time."""
+        return cls((np.nan,), (0,), lambda _: (before, after))
+
+    def __iter__(self) -> Iterator[tuple[float, LocalPoints, LocalPoints]]:
+        for index, time in enumerate(self.times):
+            yield time, *self.read(index)
+
+
 def author_marked_points(
     target: StreamedLayer,
     over: Sdf.PrimSpec,
     points: MeshPoints,
     marked: MeshAnimation,
     witness: Witness | None = None,
-) -> None:
+    *,
+    normals: bool = True,
+) -> MarkedFrames:
     """Give a prim `points` and `extent` at every time its source has points, in its own type.
 
     A layer with any time sample hides all those of the layers below it, so the frames that were
@@ -42,6 +88,16 @@ def author_marked_points(
 
     A rigged prim is baked: it is taken from its skeleton, and gets the normals its rig gives it,
     and as a default the rest pose that its rig would pose like the marked points.
+
+    Parameters
+    ----------
+    normals : bool
+        Whether to write those of a rigged prim.
+
+    Returns
+    -------
+    MarkedFrames
+        What was written.
 
     Raises
     ------
@@ -61,10 +117,11 @@ def author_marked_points(
     extent_spec = Sdf.AttributeSpec(over, "extent", Sdf.ValueTypeNames.Float3Array)
     if rig is not None:
         unbind(over, points.prim)
-    for time, original, new in marked_frames(points, marked):
+    frames = MarkedFrames.of(points, marked)
+    for time, original, new in frames:
         target.set_vectors(points_spec, time, new)
         target.set_vectors(extent_spec, time, extent(new))
-        if rig is not None:
+        if rig is not None and normals:
             bake_normals(target, over, rig, time)
         if rest is not None:
             rest.add(time, new - original)
@@ -74,6 +131,7 @@ def author_marked_points(
         target.set_vectors(points_spec, np.nan, rest.marked())
         if witness is not None:
             witness(REST, rest.points, rest.marked())
+    return frames
 
 
 def author_marked_rest(
@@ -82,10 +140,15 @@ def author_marked_rest(
     points: MeshPoints,
     marked: MeshAnimation,
     witness: Witness | None = None,
-) -> None:
+) -> MarkedFrames:
     """Give a rigged prim the rest pose that its rig poses like the marked points; the rig stays.
 
     The pose is as near as one can be that fits all marked frames; see `RestMoves`.
+
+    Returns
+    -------
+    MarkedFrames
+        The rest pose.
 
     Raises
     ------
@@ -102,7 +165,7 @@ def author_marked_rest(
             prim=path,
         )
     rest = RestMoves(points)
-    for time, original, new in marked_frames(points, marked):
+    for time, original, new in MarkedFrames.of(points, marked):
         rest.add(time, new - original)
         if witness is not None and np.isfinite(time):
             witness(time, original, new)
@@ -114,22 +177,7 @@ def author_marked_rest(
         target.set_vectors(spec, np.nan, extent(rest.marked()))
     if witness is not None:
         witness(REST, rest.points, rest.marked())
-
-
-def marked_frames(
-    points: MeshPoints, marked: MeshAnimation
-) -> Iterator[tuple[float, LocalPoints, LocalPoints]]:
-    """Yield each time of the source, and points before and after marking, in the prim's space."""
-    path = str(points.prim.GetPath())
-    with blamed(marked.origin, path):
-        pairs = _matched(points, marked)
-    for time, index in pairs:
-        with blamed(marked.origin, path, time):
-            original = points.local(time)
-            new = original
-            if index is not None:
-                new = _moved(points.prim, time, original, marked[index].points)
-        yield time, original, new
+    return MarkedFrames.single(rest.points, rest.marked())
 
 
 def unmarked_times(points: MeshPoints, marked: MeshAnimation) -> FloatArray:
@@ -149,6 +197,17 @@ def _matched(points: MeshPoints, marked: MeshAnimation) -> list[tuple[float, int
         (time, index_of.get(key))
         for time, key in zip(times.tolist(), _keys(times).tolist(), strict=True)
     ]
+
+
+def _read(
+    points: MeshPoints, marked: MeshAnimation, pairs: list[tuple[float, int | None]], index: int
+) -> tuple[LocalPoints, LocalPoints]:
+    time, of_marked = pairs[index]
+    with blamed(marked.origin, str(points.prim.GetPath()), time):
+        original = points.local(time)
+        if of_marked is None:
+            return original, original
+        return original, _moved(points.prim, time, original, marked[of_marked].points)
 
 
 def _keys(times: FloatArray) -> FloatArray:

@@ -17,9 +17,10 @@ from meshmark.usd.authoring import unmarked_times
 from meshmark.usd.checking import require_no_traces
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.flattening import flattened, make_instances_editable
+from meshmark.usd.following import author_followed
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer, replacing, usd_output_errors
 from meshmark.usd.metadata import copy_layer_metadata, strip_metadata
-from meshmark.usd.names import BAKE
+from meshmark.usd.names import BAKE, FOLLOW
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
@@ -65,6 +66,7 @@ def write_flattened(
     keep_metadata: bool = False,
     skel: str = BAKE,
     stamps: Stamps = NO_STAMPS,
+    primvars: str = FOLLOW,
 ) -> Delivery:
     """Write the original's stage as one self-contained file with the points of the marked meshes.
 
@@ -99,6 +101,8 @@ def write_flattened(
     stamps : mapping of str to Stamp
         What meshes, by their paths, are to say of their marks. No other stamp stays, unless
         metadata is to be kept.
+    primvars : {"follow", "keep"}
+        What becomes of what hangs on points; see `write_override`.
 
     Returns
     -------
@@ -122,7 +126,7 @@ def write_flattened(
         overlay = beside.with_name("marked.usdc")
         with new_layer(overlay) as target:
             lay_over(target.layer, opened.stage, original, overlay)
-            traces = _author(target, opened.points, marked, skel, stamps)
+            traces = _author(target, opened.points, marked, skel, stamps, primvars)
         stage = Usd.Stage.Open(str(overlay))
         return _export(stage, traces, output, beside, keep_metadata, stamps)
 
@@ -152,14 +156,24 @@ def _export(
 
 
 def _author(
-    target: StreamedLayer, points: StagePoints, marked: Asset, skel: str, stamps: Stamps
+    target: StreamedLayer,
+    points: StagePoints,
+    marked: Asset,
+    skel: str,
+    stamps: Stamps,
+    primvars: str,
 ) -> Traces:
     traces = Traces(points)
+    authored = []
     for mesh in marked.meshes:
-        prim = points.stage.GetPrimAtPath(mesh.prim)
+        own = points.of(points.stage.GetPrimAtPath(mesh.prim))
         stamp, witness = stamps.get(mesh.prim), traces.witness(mesh.prim)
         spec = Sdf.CreatePrimInLayer(target.layer, mesh.prim)
-        author_marked(target, spec, points.of(prim), mesh, skel, stamp, witness)
+        frames = author_marked(target, spec, own, mesh, skel, primvars, stamp, witness)
+        authored.append((spec, own, frames))
+    # A reference pose gets the marked points themselves, once those of all meshes are known.
+    for spec, own, frames in authored if primvars == FOLLOW else ():
+        author_followed(target, spec, own, frames, posed=skel == BAKE, is_copy=traces.has_copy)
     return traces
 
 

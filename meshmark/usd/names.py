@@ -6,3 +6,5 @@ STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LAYER_SUFFIXES = (".usd", ".usda", ".usdc")
 # What becomes of a rigged mesh: its posed points are baked, or its rest pose is marked.
 BAKE, REST_POSE = "bake", "rest"
+# What becomes of what hangs on points that slide: it takes its value there, or keeps its own.
+FOLLOW, KEEP = "follow", "keep"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.asset import Asset
-from meshmark.usd.names import BAKE, LAYER_SUFFIXES, READER, STAGE_SUFFIXES
+from meshmark.usd.names import BAKE, FOLLOW, LAYER_SUFFIXES, READER, STAGE_SUFFIXES
 from meshmark.usd.stamp import NO_STAMPS, Stamps
 
 if TYPE_CHECKING:
@@ -79,6 +79,7 @@ class UsdReader:
         *,
         skel: str = BAKE,
         stamps: Stamps = NO_STAMPS,
+        primvars: str = FOLLOW,
     ) -> Override | None:
         """Write as `write` does, and tell of it.
 
@@ -90,7 +91,9 @@ class UsdReader:
         if original.reader == READER:
             from meshmark.usd.writing import write_override
 
-            return write_override(original, marked, output, skel=skel, stamps=stamps)
+            return write_override(
+                original, marked, output, skel=skel, stamps=stamps, primvars=primvars
+            )
         from meshmark.usd.stages import write_stage
 
         write_stage(original.with_meshes(marked.meshes), output, stamps)
@@ -105,6 +108,7 @@ class UsdReader:
         keep_metadata: bool = False,
         skel: str = BAKE,
         stamps: Stamps = NO_STAMPS,
+        primvars: str = FOLLOW,
     ) -> Delivery | None:
         """Write one file in which no unmarked point is left.
 
@@ -117,7 +121,13 @@ class UsdReader:
             from meshmark.usd.delivery import write_flattened
 
             return write_flattened(
-                original, marked, output, keep_metadata=keep_metadata, skel=skel, stamps=stamps
+                original,
+                marked,
+                output,
+                keep_metadata=keep_metadata,
+                skel=skel,
+                stamps=stamps,
+                primvars=primvars,
             )
         self.lay(marked, original, output, stamps=stamps)
         return None

@@ -12,10 +12,17 @@ from meshmark.usd.skinning import BlendShapes, Rig
 BY_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
 
-def skinned_normals(rig: Rig, time: float) -> Float32Array | None:
+def skinned_normals(
+    rig: Rig, time: float, attribute: Usd.Attribute | None = None
+) -> Float32Array | None:
     """Return the normals of points or corners at a time, (n, 3), in the prim's own space.
 
     Joints and blend shapes turn them as in usd-core's own baking.
+
+    Parameters
+    ----------
+    attribute : Usd.Attribute, optional
+        What holds them: `normals` where not given, or a primvar.
 
     Returns
     -------
@@ -23,9 +30,13 @@ def skinned_normals(rig: Rig, time: float) -> Float32Array | None:
         None where there are none for points or corners, or they do not fit these.
     """
     mesh, code = UsdGeom.Mesh(rig.prim), time_code(time)
-    value = mesh.GetNormalsAttr().Get(code)
-    by_point = mesh.GetNormalsInterpolation() in BY_POINT
-    by_corner = mesh.GetNormalsInterpolation() == UsdGeom.Tokens.faceVarying
+    primvar = UsdGeom.Primvar(attribute) if attribute else None
+    if not primvar:
+        value, interpolation = mesh.GetNormalsAttr().Get(code), mesh.GetNormalsInterpolation()
+    else:
+        value, interpolation = primvar.ComputeFlattened(code), primvar.GetInterpolation()
+    by_point = interpolation in BY_POINT
+    by_corner = interpolation == UsdGeom.Tokens.faceVarying
     if not isinstance(value, Vt.Vec3fArray) or not (by_point or by_corner):
         return None
     normals = np.array(value)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.topology import triangulate
@@ -19,6 +20,8 @@ from meshmark.usd.geometry import (
     time_code,
 )
 from meshmark.usd.opening import open_stage
+from meshmark.usd.primvars import PAIRS
+from meshmark.usd.skinned_normals import BY_POINT
 
 # The name that writers of USD agree on; any other of the type will do where it is missing.
 USUAL = "st"
@@ -27,14 +30,25 @@ TYPES = (
     Sdf.ValueTypeNames.TexCoord2dArray,
     Sdf.ValueTypeNames.TexCoord2hArray,
 )
-PAIR_ARRAYS = (Vt.Vec2hArray, Vt.Vec2fArray, Vt.Vec2dArray)
-BY_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
+
+
+@dataclass(frozen=True)
+class TextureCoordinates:
+    """The texture coordinates of a mesh prim, asked by time; see `read_texture_coordinates`."""
+
+    source: str
+    prim: str
+    variants: tuple[str, ...] = ()
+
+    def __call__(self, time: float) -> FloatArray | None:
+        """Read them at a time."""
+        return read_texture_coordinates(self.source, self.prim, self.variants, time)
 
 
 def read_texture_coordinates(
-    source: str, prim: str, variants: Sequence[str] = ()
+    source: str, prim: str, variants: Sequence[str] = (), time: float | None = None
 ) -> FloatArray | None:
-    """Read the texture coordinates of a mesh at its first time.
+    """Read the texture coordinates of a mesh.
 
     Parameters
     ----------
@@ -44,6 +58,8 @@ def read_texture_coordinates(
         Path of the mesh.
     variants : sequence of str
         Those to select; see `open_stage`.
+    time : float, optional
+        When; the first time of its points where not given.
 
     Returns
     -------
@@ -59,7 +75,7 @@ def read_texture_coordinates(
     stage = open_stage(source, variants).stage
     with blamed(source, prim):
         found = stage.GetPrimAtPath(prim)
-        time = float(sample_times(found)[0])
+        time = float(sample_times(found)[0]) if time is None else time
         primvar = _primvar(found)
         return None if primvar is None else _by_triangle(found, primvar, time)
 
@@ -84,7 +100,7 @@ def _by_triangle(prim: Usd.Prim, primvar: UsdGeom.Primvar, time: float) -> Float
     if not by_point and primvar.GetInterpolation() != UsdGeom.Tokens.faceVarying:
         return None
     value = primvar.ComputeFlattened(code)
-    if not isinstance(value, PAIR_ARRAYS):
+    if not isinstance(value, PAIRS):
         return None
     uv = np.asarray(value, dtype=np.float64)
     if uv.shape != (n_points if by_point else len(points), 2) or not np.all(np.isfinite(uv)):

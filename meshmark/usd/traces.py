@@ -25,6 +25,7 @@ from meshmark.usd.numbers import (
     views,
 )
 from meshmark.usd.points import StagePoints
+from meshmark.usd.primvars import Hanging
 
 # Residuals below it are equally good.
 EXACT = 1e-6
@@ -122,6 +123,16 @@ class Traces:
         if points is None and rig is not None:
             return rig.pose(np.asarray(value_at(layer, path, REST)), time)
         return np.asarray(points, dtype=np.float64)
+
+    def has_copy(self, hanging: Hanging) -> bool:
+        """Tell whether what hangs on a mesh is an image of points, as a reference pose is."""
+        owner = str(hanging.attribute.GetPrim().GetPath())
+        times = hanging.times or [np.nan]
+        for time in dict.fromkeys((times[0], times[len(times) // 2], times[-1])):
+            place = Place(f"{owner}.{hanging.name}", owner, time)
+            if self.find(hanging.elements(time), place):
+                return True
+        return False
 
     def find(self, numbers: FloatArray, place: Place, without: Iterable[str] = ()) -> list[Copy]:
         """Find copies of points in numbers (M, d) that writes go through to; none overlap.

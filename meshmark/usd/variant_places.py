@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.usd.geometry import sample_times, time_code
 from meshmark.usd.layers import copy_stage_metadata, set_value
 from meshmark.usd.points import MeshPoints, StagePoints
+from meshmark.usd.primvars import different
 from meshmark.usd.variants import Choice, select, selections, write_selections
 
 # Points that no mesh has.
@@ -33,11 +34,14 @@ class Place:
         The selected variants without which the mesh has another shape, or is not there.
     others : tuple of Choice
         The other variants of their sets: in them, nothing changes.
+    elsewhere : frozenset of str
+        Primvars, and normals, that are others in variants for which the points are the same.
     """
 
     path: Sdf.Path
     variants: tuple[Choice, ...] = ()
     others: tuple[Choice, ...] = ()
+    elsewhere: frozenset[str] = frozenset()
 
 
 def find_places(
@@ -64,25 +68,32 @@ def find_places(
         If something in the source is stronger than any layer can be inside a variant.
     """
     found = {str(prim.GetPath()): Place(prim.GetPath()) for prim in prims}
-    shaping = _shaping(original, points, found)
+    shaping, elsewhere = _shaping(original, points, found)
     trial = _Trial(original, points.stage, list(shaping))
     for path, choices in shaping.items():
         chosen = tuple(choice for choice, _ in choices)
         others = tuple(Choice(c.prim, c.set, name) for c, names in choices for name in names)
         found[path] = Place(trial.place(path, chosen, others), chosen, others)
-    return found
+    return {
+        path: replace(place, elsewhere=frozenset(elsewhere.get(path, ())))
+        for path, place in found.items()
+    }
 
 
 def _shaping(
     original: Asset, points: StagePoints, paths: Iterable[str]
-) -> dict[str, list[tuple[Choice, list[str]]]]:
-    """Map each mesh that variants shape to these, the outermost first, and their alternatives."""
+) -> tuple[dict[str, list[tuple[Choice, list[str]]]], dict[str, set[str]]]:
+    """Map each mesh that variants shape to these, the outermost first, and their alternatives.
+
+    And each mesh to what hangs on its points that others change.
+    """
     offered = {path: selections(points.stage.GetPrimAtPath(path)) for path in paths}
     pairs = dict.fromkeys(
         (choice, name) for each in offered.values() for choice, names in each for name in names
     )
     if not pairs:
-        return {}
+        return {}, {}
+    elsewhere: dict[str, set[str]] = {path: set() for path in offered}
     matters: dict[str, set[Choice]] = {path: set() for path in offered}
     for choice, name in pairs:
         stage = Usd.Stage.Open(original.source)
@@ -93,13 +104,15 @@ def _shaping(
             if choice in matters[path] or all(choice != known for known, _ in each):
                 continue
             own = points.of(points.stage.GetPrimAtPath(path))
-            if not _alike(own, stage.GetPrimAtPath(path), others):
+            if _alike(own, stage.GetPrimAtPath(path), others):
+                elsewhere[path] |= different(own.prim, stage.GetPrimAtPath(path))
+            else:
                 matters[path].add(choice)
-    return {
-        path: shaping
+    shaping = {
+        path: [(choice, names) for choice, names in each if choice in matters[path]]
         for path, each in offered.items()
-        if (shaping := [(choice, names) for choice, names in each if choice in matters[path]])
     }
+    return {path: choices for path, choices in shaping.items() if choices}, elsewhere
 
 
 def _alike(own: MeshPoints, prim: Usd.Prim, others: StagePoints) -> bool:

@@ -1,4 +1,4 @@
-"""An override layer out: a file that sublayers its source and holds nothing but moved points."""
+"""An override layer out: it sublayers its source, and holds moved points and what hangs on them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from pxr import Sdf, Usd
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.usd.authoring import Witness, author_marked_points, author_marked_rest
+from meshmark.usd.authoring import (
+    MarkedFrames,
+    Witness,
+    author_marked_points,
+    author_marked_rest,
+)
+from meshmark.usd.following import author_followed
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer
-from meshmark.usd.names import BAKE, REST_POSE
+from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints
 from meshmark.usd.reach import refuse_to_overwrite
@@ -55,12 +61,14 @@ def write_override(
     *,
     skel: str = BAKE,
     stamps: Stamps = NO_STAMPS,
+    primvars: str = FOLLOW,
 ) -> Override:
     """Write a layer over the original's file with the points of the marked meshes.
 
     The layer holds only `over` specs with `points` and `extent`, at every time the source has
-    points (its default where it has no samples), and the metadata without which it would not
-    look the same as the source. Of a rigged mesh it holds what it takes to bake it, or its
+    points (its default where it has no samples), what hangs on points and follows them
+    (`meshmark.usd.following`), and the metadata without which it would not look the same as the
+    source. Of a rigged mesh it holds what it takes to bake it, or its
     rest pose; see `meshmark.usd.authoring`. The source's files are only read. Equal input gives
     equal bytes.
 
@@ -77,6 +85,9 @@ def write_override(
         Whether rigged meshes are baked, or keep their rigs, and have their rest poses marked.
     stamps : mapping of str to Stamp
         What meshes, by their paths, are to say of their marks.
+
+    primvars : {"follow", "keep"}
+        Whether what hangs on points that slid gets the values of their new places.
 
     Returns
     -------
@@ -105,9 +116,12 @@ def write_override(
     with new_layer(output) as target:
         lay_over(target.layer, stage, original, output)
         for prim, mesh in pairs:
-            spec = over(target.layer, places[mesh.prim].path, stage)
+            spec, points = over(target.layer, places[mesh.prim].path, stage), opened.points.of(prim)
             stamp = stamps.get(mesh.prim)
-            author_marked(target, spec, opened.points.of(prim), mesh, skel, stamp)
+            frames = author_marked(target, spec, points, mesh, skel, primvars, stamp)
+            if primvars == FOLLOW:
+                kept = places[mesh.prim].elsewhere
+                author_followed(target, spec, points, frames, posed=skel == BAKE, kept=kept)
     return Override({prim: place for prim, place in places.items() if place.variants})
 
 
@@ -117,18 +131,22 @@ def author_marked(
     points: MeshPoints,
     marked: MeshAnimation,
     skel: str,
+    primvars: str,
     stamp: Stamp | None = None,
     witness: Witness | None = None,
-) -> None:
+) -> MarkedFrames:
     """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose.
 
-    And a stamp, if it is to have one.
+    Normals that follow are left to `author_followed`. And a stamp, if it is to have one.
     """
-    rest = skel == REST_POSE and points.rig is not None
-    author = author_marked_rest if rest else author_marked_points
-    author(target, spec, points, marked, witness)
+    if skel == REST_POSE and points.rig is not None:
+        frames = author_marked_rest(target, spec, points, marked, witness)
+    else:
+        normals = primvars == KEEP
+        frames = author_marked_points(target, spec, points, marked, witness, normals=normals)
     if stamp is not None:
         write_stamp(spec, stamp)
+    return frames
 
 
 def require_prim(stage: Usd.Stage, mesh: MeshAnimation, source: str) -> Usd.Prim:

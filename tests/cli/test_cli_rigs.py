@@ -88,6 +88,7 @@ def test_the_manifest_tells_what_became_of_rigs(studio: Path) -> None:
     for skel in ("bake", "rest"):
         document = json.loads((studio / f"{skel}.usda.meshmark.json").read_text())
         assert document["skel"] == skel
+        assert document["primvars"] == "follow"
         assert document["prims"][0]["notes"] == ["rigged: posed by /man/bones"]
         assert 0 < document["prims"][0]["distortion"]["mrms_rel"] < 1e-3
 
@@ -96,6 +97,7 @@ def test_the_manifest_tells_what_became_of_rigs(studio: Path) -> None:
     ("arguments", "words"),
     [
         (("--skel", "both"), "must be bake or rest"),
+        (("--primvars", "both"), "must be follow or keep"),
         (("--skel", "rest", "--frames", "1:2"), "a rest pose shows in every frame"),
     ],
 )

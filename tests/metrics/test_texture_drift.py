@@ -14,7 +14,9 @@ from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import as_asset
+from meshmark.mesh.charts import Charts
 from meshmark.metrics import distortion, texture_drift
+from meshmark.metrics.texture import followed_drift
 from meshmark.sources.facts import texture_coordinates
 from meshmark.sources.reading import read
 from meshmark.testing.binned_schemes import swaying
@@ -68,6 +70,20 @@ def test_a_seam_is_no_drift(step) -> None:
     # Vertices slide along chords, and the facets are flat: u goes with the arc but for that.
     used = np.unique(F)
     np.testing.assert_allclose(drift[used], step / 40 * 4096, rtol=0.02)
+
+
+@pytest.mark.parametrize("step", [0.2, 0.9, 1.6])
+def test_coordinates_that_went_along_do_not_drift(step) -> None:
+    V, F, UV = wrapped()
+    a = step * 2 * np.pi / 40
+    R = np.array([[np.cos(a), np.sin(a), 0], [-np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    charts, along = Charts.of_corners(F, UV), np.array([step / 40, 0])
+    drift = followed_drift(V, V @ R, charts, UV, UV + along)
+    assert drift.max() < 0.02 * step / 40 * 4096
+    kept = followed_drift(V, V @ R, charts, UV, UV)
+    np.testing.assert_allclose(kept[np.unique(F)], step / 40 * 4096, rtol=0.03)
+    wrong = followed_drift(V, V @ R, charts, UV, UV - along)
+    np.testing.assert_allclose(wrong[np.unique(F)], 2 * step / 40 * 4096, rtol=0.03)
 
 
 def test_vertices_of_no_face_do_not_count() -> None:
@@ -199,9 +215,14 @@ def test_a_manifest_tells_the_drift(tmp_path) -> None:
             st.Set((frame.points[:, :2] / 8).astype(np.float32))
         stage.GetRootLayer().Save()
         output = tmp_path / f"{name}-marked.usda"
-        manifest = mark_file(source, output, Key(bytes(32)), recipe=Recipe("cho2007"))
-        found.append(manifest["prims"][0]["distortion"])
-    plain, mapped = found
+        for primvars in ("keep", "follow"):
+            manifest = mark_file(
+                source, output, Key(bytes(32)), recipe=Recipe("cho2007"), primvars=primvars
+            )
+            assert manifest["primvars"] == primvars
+            found.append(manifest["prims"][0]["distortion"])
+    plain, _, mapped, followed = found
+    assert followed["texture_drift"] < 0.02 * mapped["texture_drift"]
     assert plain["texture_drift"] is None
     assert plain["jitter"] is None
     # Seen along z, the texture moves at most as far as its vertex does.
