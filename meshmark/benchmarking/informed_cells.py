@@ -18,7 +18,7 @@ from meshmark.detection.decision import decide, shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.informed import gather_informed
-from meshmark.detection.significance import log10_p_of
+from meshmark.detection.significance import log10_p_of, log10_p_of_names
 from meshmark.detection.verify import judge_all
 from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number
@@ -123,7 +123,7 @@ def _wrong_keys(items: Sequence[Evidence], seed: int) -> dict[str, Any]:
         shape = (WRONG_KEYS, item.n_words, item.n_chips)
         return (2 * generator.integers(0, 2, shape, dtype=np.int8) - 1).astype(np.int8)
 
-    log10_p = _best(items, words, WRONG_KEYS)
+    log10_p = _best(items, lambda item: log10_p_of(item, words(item)), WRONG_KEYS)
     return {
         "tried": WRONG_KEYS,
         "at_most": {f"{share:g}": int(np.sum(log10_p <= np.log10(share))) for share in SHARES},
@@ -148,17 +148,17 @@ def _crowd(
 
 def _of_names(items: Sequence[Evidence], key: Key, names: Sequence[str | None]) -> FloatArray:
     """Bound log10 p of each name by itself, (n,)."""
-    return _best(
-        items, lambda item: key.words_of(item.scheme, item.n_words, item.n_chips, names), len(names)
-    )
+    return _best(items, lambda item: log10_p_of_names(item, key, names), len(names))
 
 
-def _best(items: Sequence[Evidence], words: Callable[[Evidence], SignArray], n: int) -> FloatArray:
+def _best(
+    items: Sequence[Evidence], log10_p: Callable[[Evidence], FloatArray], n: int
+) -> FloatArray:
     """Bound log10 p of n hypotheses by what fits best, corrected for meshes and schemes, (n,)."""
     best = np.zeros(n)
     schemes = len({item.scheme for item in items})
     for item, share in zip(items, shares(items), strict=True):
-        best = np.minimum(best, log10_p_of(item, words(item)) - share + np.log10(schemes))
+        best = np.minimum(best, log10_p(item) - share + np.log10(schemes))
     return best
 
 

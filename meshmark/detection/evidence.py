@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
+from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.keys import Key
 from meshmark.statistics.p_values import reachable_log10_p
 from meshmark.statistics.word_windows import WordPosterior, median_posterior
@@ -194,6 +195,8 @@ class Evidence:
         Further meshes that have parts in it.
     informed : InformedFacts or None
         How it was laid upon the original, where it was measured beside that.
+    vertices : VertexEvidence or None
+        What single vertices tell, where the scheme reads them.
     """
 
     prim: str
@@ -206,6 +209,7 @@ class Evidence:
     part: str = ""
     also: tuple[str, ...] = ()
     informed: InformedFacts | None = None
+    vertices: VertexEvidence | None = None
 
     @cached_property
     def held(self) -> BoolArray:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
-from meshmark.detection.informed import gather_informed
+from meshmark.detection.informed import beside_original, gather_informed
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.asset import Asset
@@ -83,9 +83,10 @@ def kept_evidence(
     if path.exists() or not authenticated:
         stored = load_evidence(path, authenticated=authenticated)
         _require_same(stored, wanted, source, path)
+        items = beside_original(stored.items, beside[0], informed) if informed else stored.items
         elapsed = time.perf_counter() - start
         return AssetEvidence(
-            source, stored.items, len(blind), stored.notes, elapsed, authenticated, original
+            source, items, len(blind), stored.notes, elapsed, authenticated, original
         )
     found = AssetEvidence(source, (), 0, (), 0.0, original=original)
     if blind:

@@ -34,6 +34,7 @@ from meshmark.detection.evidence_header import (
     parse_header,
 )
 from meshmark.detection.sealing import sealed, unsealed
+from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import InputError
 from meshmark.statistics.word_windows import WordPosterior
 from meshmark.workers.disk_list import DiskList
@@ -42,7 +43,7 @@ FORMAT = "meshmark-evidence-4"
 KIND = f"{FORMAT}\n".encode()
 
 _LENGTH = struct.Struct("<I")
-_STEP, _REAL = np.dtype("<i1"), np.dtype("<f8")
+_STEP, _VERTEX, _REAL = np.dtype("<i1"), np.dtype("<i2"), np.dtype("<f8")
 # What sums of beliefs may exceed 1 by.
 _ROUNDING = 1e-9
 
@@ -99,6 +100,8 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
             _write(stream, item.times, _REAL)
             for variant in item.variants:
                 _write_strand(stream, variant)
+            if item.vertices is not None:
+                _write(stream, item.vertices.steps, _VERTEX)
 
 
 def _write_strand(stream: gzip.GzipFile, variant: RestoredVariant) -> None:
@@ -165,6 +168,7 @@ def _item(
     # Belief beyond 1 would make any key look right.
     belief = sum(float(np.exp(variant.belief).sum()) for variant in variants)
     _require(belief <= 1.0 + _ROUNDING, "belief")
+    steps = _array(stream, (header.n_vertices,), _VERTEX)
     return Evidence(
         prim=header.prim,
         scheme=header.scheme,
@@ -176,6 +180,7 @@ def _item(
         part=header.part,
         also=header.also,
         informed=header.informed,
+        vertices=VertexEvidence(steps) if header.n_vertices else None,
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, NoReturn, TypeVar
 
 from meshmark.detection.evidence import Evidence, InformedFacts
+from meshmark.extension.informed import MOST_VERTICES
 from meshmark.statistics.word_windows import WINDOW_SIZE
 
 Thing = TypeVar("Thing")
@@ -60,12 +61,13 @@ class ItemHeader:
     bit_threshold: float
     variants: tuple[RestorationHeader, ...]
     informed: InformedFacts | None
+    n_vertices: int
 
     @property
     def n_bytes(self) -> int:
         """Bytes of all arrays."""
         variants = (8 * s.shape[0] + self.n_frames * s.frame_bytes for s in self.variants)
-        return 8 * self.n_frames + sum(variants)
+        return 8 * self.n_frames + sum(variants) + 2 * self.n_vertices
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ def _described(item: Evidence) -> dict[str, Any]:
         "tracked": item.tracked,
         "decisive": item.bit_threshold,
         "informed": None if item.informed is None else asdict(item.informed),
+        **({} if item.vertices is None else {"vertices": len(item.vertices.steps)}),
         "strands": [
             {
                 "restored": variant.restored,
@@ -159,6 +162,8 @@ def parse_header(text: str) -> Header:
 
 
 def _item(value: Any) -> ItemHeader:
+    # Older files, and other schemes', tell of no vertices.
+    n_vertices = value.pop("vertices", 0) if isinstance(value, dict) else 0
     prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, informed, variants = (
         _values(
             value,
@@ -177,6 +182,7 @@ def _item(value: Any) -> ItemHeader:
         bit_threshold=_number(bit_threshold, 0.0, 1.0),
         variants=_several(variants, _strand, VARIANTS),
         informed=None if informed is None else _facts(informed),
+        n_vertices=_whole(n_vertices, 0, MOST_VERTICES),
     )
     if not item.variants or item.bit_threshold == 1.0:
         raise ValueError("item")

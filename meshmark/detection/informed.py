@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,15 +15,15 @@ from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
 from meshmark.arrays import IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
+from meshmark.detection.original_layout import OriginalLayout
+from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import CapacityError, UsageError
-from meshmark.extension.informed import AlignedFrame, InformedScheme, layout_frame
+from meshmark.extension.informed import AlignedFrame, InformedScheme, VertexReader
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.geometry import vertex_normals
-from meshmark.mesh.topology import Topology
-from meshmark.mesh.welding import Welding
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
 from meshmark.workers.progress import MeshProgress
@@ -87,7 +87,8 @@ def gather_informed(
         for recipe in recipes:
             try:
                 with breakdown_means_no_capacity(), one_thread():
-                    reading = _Reading(found, reference, recipe.build(), recipe.scheme)
+                    on = OriginalLayout(found.original, recipe.build())
+                    reading = _Reading(found, reference, on, recipe.scheme)
                     items.append(reading.evidence(jobs, progress))
             except CapacityError as error:
                 notes.append(f"{found.original.prim}: {recipe.scheme}: {error.message}")
@@ -108,7 +109,23 @@ def extract_informed(
     """
     found = align_mesh(copy, original, range(len(copy)))
     with one_thread():
-        return _Reading(found, original, scheme, scheme_name).evidence(1, None)
+        on = OriginalLayout(original, scheme)
+        return _Reading(found, original, on, scheme_name).evidence(1, None)
+
+
+def beside_original(
+    items: Sequence[Evidence], original: Asset, recipes: Sequence[Recipe]
+) -> tuple[Evidence, ...]:
+    """Give evidence that was measured before what it is read by, of which a file holds nothing."""
+    schemes = {recipe.scheme: recipe for recipe in recipes}
+
+    def beside(item: Evidence) -> Evidence:
+        if item.vertices is None or item.informed is None:
+            return item
+        mesh, scheme = original.mesh(item.informed.prim), schemes[item.scheme].build()
+        return replace(item, vertices=replace(item.vertices, on=OriginalLayout(mesh, scheme)))
+
+    return tuple(map(beside, items))
 
 
 def _by_prim(original: Asset, master: Asset) -> dict[str, MeshAnimation]:
@@ -138,46 +155,31 @@ class _Reading:
         Where the copy lies on the original.
     reference : MeshAnimation
         What it is compared with: the original, or the master.
-    scheme : InformedScheme
+    on : OriginalLayout
+        The original as the scheme sees it.
     name : str
         That of the scheme.
     """
 
     found: MeshAlignment
     reference: MeshAnimation
-    scheme: InformedScheme
+    on: OriginalLayout
     name: str
-
-    def __getstate__(self) -> dict[str, Any]:
-        # What is made again where it is needed need not travel.
-        return {name: vars(self)[name] for name in ("found", "reference", "scheme", "name")}
-
-    @cached_property
-    def _seen(self) -> tuple[Welding, Topology, Any]:
-        """The welding that frames are seen through, their polygons, and the layout."""
-        welding, frame = layout_frame(self.found.original)
-        polygons = welding.polygons(self.found.original[0].topology)
-        return welding, polygons, self.scheme.layout(frame)
-
-    @property
-    def layout(self) -> Any:
-        """Where chips lie on the original."""
-        return self._seen[2]
 
     def evidence(self, jobs: int, progress: MeshProgress | None) -> Evidence:
         """Observe every placed frame, and put the hypotheses side by side."""
         copy, placed, name = self.found.copy, self.found.frames, self.name
+        scheme, layout = self.on.scheme, self.on.layout
         # What a program did to one frame it did to all.
-        treatment = self.scheme.treatment(tuple(self._views(placed[0])), self.layout)
+        treatment = scheme.treatment(tuple(self._views(placed[0])), layout)
         measure = _Measure(self, treatment)
         measured = []
         for done, each in enumerate(ordered_map(measure, placed, jobs=jobs), start=1):
             measured.append(each)
             if progress is not None:
                 progress(f"{copy[0].prim} by {name}", done, len(placed))
-        by_map = [
-            self.scheme.observe(frames, self.layout) for frames in zip(*measured, strict=True)
-        ]
+        under_maps = list(zip(*measured, strict=True))
+        by_map = [scheme.observe(frames, layout) for frames in under_maps]
         soft = [np.concatenate([each.soft for each in maps]) for maps in zip(*by_map, strict=True)]
         log_prior = np.concatenate([frames[0].log_prior for frames in by_map]) - np.log(len(by_map))
         return Evidence(
@@ -196,7 +198,15 @@ class _Reading:
                 covered=self.found.covered,
                 patches=int(np.any(soft[0], axis=(0, 1)).sum()),
             ),
+            vertices=self._vertices(under_maps),
         )
+
+    def _vertices(self, measured: Sequence[Sequence[Any]]) -> VertexEvidence | None:
+        """Keep what single vertices tell, if the scheme reads them."""
+        if not isinstance(self.on.scheme, VertexReader):
+            return None
+        steps = self.on.scheme.vertex_steps(measured, self.on.layout)
+        return None if steps is None else VertexEvidence(steps, self.on)
 
     @cached_property
     def maps(self) -> tuple[str, ...]:
@@ -208,24 +218,25 @@ class _Reading:
         """Measure a frame under every map."""
         with breakdown_means_no_capacity(), one_thread():
             return [
-                self.scheme.measure(view, self.layout, treatment) for view in self._views(placement)
+                self.on.scheme.measure(view, self.on.layout, treatment)
+                for view in self._views(placement)
             ]
 
     def _identities(self, frame: CopyFrame) -> tuple[Any, IntArray | None]:
         """Choose the copy's vertices to read, and tell which of the reference they are."""
         if self.found.method != "identity":
             return slice(None), None
-        vertices = self._seen[0].new[frame.vertices]
+        vertices = self.on.welding.new[frame.vertices]
         kept = np.flatnonzero(vertices >= 0)
         return kept, vertices[kept]
 
     def _views(self, placement: FramePlacement) -> Iterator[AlignedFrame]:
         """Lay a frame of the copy upon the reference, by one map after the other."""
-        welding, polygons, _ = self._seen
+        kept_points = self.on.welding.kept
         frame = CopyFrame.of(self.found.copy, placement.index)
         pose = posed(self.reference, placement.pose)
-        under = Frame(pose.time, pose.points[welding.kept], polygons)
-        velocity = motion(self.reference, placement.pose)[welding.kept]
+        under = Frame(pose.time, pose.points[kept_points], self.on.polygons)
+        velocity = motion(self.reference, placement.pose)[kept_points]
         kept, vertices = self._identities(frame)
         for name in self.maps:
             points = placement.maps[name](frame.points)

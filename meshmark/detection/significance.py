@@ -12,12 +12,16 @@ from meshmark.arrays import FloatArray, SignArray
 from meshmark.detection.bit_error_rate import BitErrors, bit_errors
 from meshmark.detection.evidence import Evidence
 from meshmark.keys import Key
-from meshmark.statistics.p_values import log10_p_words, word_log_e_means
+from meshmark.statistics.p_values import log10_p_words, normal_log_p, word_log_e_means
 
 # Belief that all frames are best judged together; the rest is in the frames each by itself.
 TOGETHER = 0.75
 # Recipients whose words are tried on each frame by itself.
 SHORT_LIST = 16
+# Recipients that are looked for in single vertices: those whose words fit best, of whom chips have
+# not said enough; and the share of the rate that this has.
+VERTEX_LIST, ENOUGH = 64, -20.0
+VERTEX_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +80,7 @@ def judge_each(
     """
     words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
     log10_p, alone = _judged(evidence, words)
+    log10_p = _with_vertices(evidence, key, recipients, words, log10_p)
     order = np.argsort(log10_p, kind="stable")
     fitting = [n for rank, n in enumerate(order.tolist()) if rank == 0 or log10_p[n] <= log10_limit]
     return [
@@ -89,6 +94,12 @@ def judge_each(
         )
         for n in fitting
     ]
+
+
+def log10_p_of_names(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> FloatArray:
+    """Bound log10 p of each of several recipients by itself, (n,); None is the owner."""
+    words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
+    return _with_vertices(evidence, key, recipients, words, log10_p_of(evidence, words))
 
 
 def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
@@ -124,6 +135,33 @@ def _judged(evidence: Evidence, words: SignArray) -> tuple[FloatArray, dict[int,
     mean = logsumexp(-alone * np.log(10.0), axis=0) + np.log((1.0 - TOGETHER) / len(alone))
     shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
     return np.minimum(0.0, shared), dict(zip(listed.tolist(), alone.T, strict=True))
+
+
+def _with_vertices(
+    evidence: Evidence,
+    key: Key,
+    recipients: Sequence[str | None],
+    words: SignArray,
+    log10_p: FloatArray,
+) -> FloatArray:
+    """Lower the bounds of recipients by what single vertices tell of them.
+
+    Each bound is the better of two, which share the rate. The e-value of vertices counts as 0 for
+    whoever is not tried: times a number that is 0 or 1 it is an e-value still.
+    """
+    if evidence.vertices is None or evidence.vertices.on is None:
+        return log10_p
+    named = np.array([name is not None for name in recipients])
+    shared = np.where(named, log10_p - np.log10(1.0 - VERTEX_SHARE), log10_p)
+    first = evidence.variants[0]
+    rank = (normal_log_p(first.pooled.sum(axis=1), words[:, 0]) - first.belief).min(axis=1)
+    order = np.argsort(rank, kind="stable")
+    listed = order[(named & (log10_p > ENOUGH))[order]][:VERTEX_LIST]
+    names = [name for n in listed.tolist() if (name := recipients[n]) is not None]
+    log_e = evidence.vertices.log_e(key, evidence.scheme, names)
+    by_vertices = -log_e / np.log(10.0) - np.log10(VERTEX_SHARE)
+    shared[listed] = np.minimum(shared[listed], by_vertices)
+    return np.minimum(0.0, shared)
 
 
 def _alone(evidence: Evidence, words: SignArray) -> FloatArray:

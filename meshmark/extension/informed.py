@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray, SignArray
 from meshmark.errors import CapacityError
@@ -15,6 +16,9 @@ from meshmark.extension.interfaces import MarkingPlan
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.welding import Welding
+
+# Vertices that a `VertexReader` may tell of.
+MOST_VERTICES = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +124,51 @@ class InformedScheme(Protocol):
         list of Observation
             One for each frame: evidence (R, 1, K) under the same R hypotheses. Their mean is what
             all frames say together.
+        """
+        ...
+
+
+@runtime_checkable
+class VertexReader(Protocol):
+    """What an `InformedScheme` may offer, too: to tell which copies single vertices came from.
+
+    Copies of several recipients may be made into one that takes each vertex from one of them.
+    """
+
+    def vertex_steps(
+        self, measured: Sequence[Sequence[Any]], layout: Any
+    ) -> NDArray[np.int16] | None:
+        """Boil down what was measured of single vertices: all that is kept for later keys.
+
+        Parameters
+        ----------
+        measured : sequence of sequences
+            Of all frames, under each map.
+
+        Returns
+        -------
+        (V,) int16, or None if there is nothing to tell; V at most `MOST_VERTICES`.
+        """
+        ...
+
+    def vertex_fits(
+        self, steps: NDArray[np.int16], layout: Any, signs: SignArray, decoys: SignArray
+    ) -> FloatArray:
+        """Tell how well the chips of recipients fit that, one part of them after the other.
+
+        Parameters
+        ----------
+        signs : (n, K) int
+            Chips of n recipients' copies, the owner's included.
+        decoys : (M, K) int
+            Random chips. In one part at a time they stand in for a recipient's.
+
+        Returns
+        -------
+        (B, n, 1 + M) float64
+            Log of any fit, of each part's own chips, then of the decoys'. It may depend on the
+            owner's chips and on the recipient's in parts before it, never in later ones: see
+            `meshmark.statistics.decoys`.
         """
         ...
 

@@ -64,6 +64,11 @@ class Level:
         """Apply the transpose of `heights` to x (N,) or (N, n)."""
         return self._gain * unmixed(self.by_patch(self.smoother.adjoint(x)))
 
+    def patches(self, start: int, end: int, at: IntArray) -> FloatArray:
+        """Heights (n, end - start) of some patches, each by itself, as if `at` (n,) were all."""
+        own = self.label[at, None] == np.arange(start, end)
+        return self._gain * self.smoother.within(at, own.astype(np.float64))
+
     def by_patch(self, x: FloatArray) -> FloatArray:
         """Sum values (N,) or (N, n) over patches."""
         if x.ndim == 1:
@@ -89,10 +94,8 @@ class Smoother:
         area = vertex_areas(V, F)
         self.mass = np.maximum(area, 1e-9 * area.mean())
         L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
-        A = csc_matrix(diags_array(self.mass) + radius**2 * L)
-        self._solver: SuperLU = splu(
-            A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        self.matrix = csc_matrix(diags_array(self.mass) + radius**2 * L)
+        self._solver = _factored(self.matrix)
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Smooth x (N,) or (N, n)."""
@@ -101,6 +104,15 @@ class Smoother:
     def adjoint(self, x: FloatArray) -> FloatArray:
         """Apply the transpose."""
         return (self.mass * self._solver.solve(x).T).T
+
+    def within(self, at: IntArray, x: FloatArray) -> FloatArray:
+        """Smooth x (m, n) on some vertices (m,), as if all others were held at 0."""
+        return _factored(self.matrix[at][:, at]).solve((self.mass[at] * x.T).T)
+
+
+def _factored(A: csc_matrix) -> SuperLU:
+    options = {"SymmetricMode": True}
+    return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
 
 @dataclass(frozen=True, eq=False)

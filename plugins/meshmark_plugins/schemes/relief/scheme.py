@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from meshmark.arrays import BoolArray, SignArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray, SignArray
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.informed import AlignedFrame
@@ -16,8 +18,11 @@ from meshmark.extension.parameters import require_number
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box
 from meshmark_plugins.schemes.relief.basis import Basis
+from meshmark_plugins.schemes.relief.blocks import Block, blocks
 from meshmark_plugins.schemes.relief.chips import Heights, soft_chips
+from meshmark_plugins.schemes.relief.coincidence import log_fits
 from meshmark_plugins.schemes.relief.height import slope
+from meshmark_plugins.schemes.relief.offsets import Offsets, mean_height, offsets, sampled
 from meshmark_plugins.schemes.relief.plan import ReliefPlan, plan_heights
 from meshmark_plugins.schemes.relief.residual import heights
 from meshmark_plugins.schemes.relief.treatment import (
@@ -37,6 +42,9 @@ FEWEST_CHIPS = 26
 PRIORS = (0.6, 0.3, 0.1)
 # Vertices that tell what a copy has been through.
 SAMPLE = 1500
+# Heights of single vertices are kept in so many steps a height of the relief, up to the largest;
+# what is unknown is kept as the number below that.
+STEPS, MOST_STEPS = 1000, 2**15 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +72,36 @@ class ReliefLayout:
         """Which chips are the owner's in every copy, (K,) bool."""
         return np.arange(self.n_chips) % OWNER_EVERY == 0
 
+    @cached_property
+    def vertices(self) -> IntArray:
+        """Vertices that are looked at one by one, (V,)."""
+        return sampled(len(self.basis.levels[-1].label))
+
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """What each block of chips does to them."""
+        return list(blocks(self.basis, self.vertices))
+
     def flattened(self, found: Heights) -> Heights:
         """Take off what is wider than any patch."""
         wide = self.basis.low_pass(found.value, found.count)
         return replace(found, value=np.where(found.count > 0.0, found.value - wide, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What one frame shows under one map.
+
+    Parameters
+    ----------
+    heights : tuple of Heights
+        Above the reference, in each way that may suit what was done to the copy.
+    offsets : Offsets or None
+        Of vertices from their own, where they kept their identity.
+    """
+
+    heights: tuple[Heights, ...]
+    offsets: Offsets | None
 
 
 class Relief:
@@ -127,27 +161,25 @@ class Relief:
         known |= {each: left(each) for each in near}
         return min(known, key=lambda each: known[each])
 
-    def measure(
-        self, view: AlignedFrame, layout: ReliefLayout, treatment: Treatment
-    ) -> tuple[Heights, ...]:
+    def measure(self, view: AlignedFrame, layout: ReliefLayout, treatment: Treatment) -> Measured:
         """Measure the heights of a copy's frame, in each way that may suit what was done to it."""
         ways = (False,) if view.vertices is None else (False, True)
-        return tuple(
+        found = tuple(
             layout.flattened(heights(view, each, by_identity=by_identity))
             for each in dict.fromkeys((NONE, treatment))
             for by_identity in ways
         )
+        return Measured(found, offsets(view))
 
-    def observe(
-        self, measured: Sequence[tuple[Heights, ...]], layout: ReliefLayout
-    ) -> list[Observation]:
+    def observe(self, measured: Sequence[Measured], layout: ReliefLayout) -> list[Observation]:
         """Estimate the chips of all frames, in each way they were measured.
 
         The recipient's chips are read, the owner's, and all together, as they are in copies for
         nobody.
         """
         found = [
-            soft_chips(layout.basis, layout.height, way) for way in zip(*measured, strict=True)
+            soft_chips(layout.basis, layout.height, way)
+            for way in zip(*(frame.heights for frame in measured), strict=True)
         ]
         owner = layout.owner
         parts = [np.where(part, S, 0.0) for S in found for part in (~owner, owner, True)]
@@ -156,6 +188,34 @@ class Relief:
             Observation(soft[:, None, :], log_prior, np.zeros((1, 0)))
             for soft in np.stack(parts, axis=1)
         ]
+
+    def vertex_steps(
+        self, measured: Sequence[Sequence[Measured]], layout: ReliefLayout
+    ) -> NDArray[np.int16] | None:
+        """Round the heights of single vertices, under the map that fits along the surface."""
+        maps = [[frame.offsets for frame in frames] for frames in measured]
+        known = [[one for one in frames if one is not None] for frames in maps]
+        if not all(known) or len(known[0]) != len(maps[0]):
+            return None
+        best = min(known, key=lambda frames: np.median([one.deviation for one in frames]))
+        steps = np.rint(STEPS * mean_height(best) / layout.height)
+        bounded = np.clip(steps, -MOST_STEPS, MOST_STEPS)
+        return np.where(np.isnan(steps), -MOST_STEPS - 1, bounded).astype(np.int16)
+
+    def vertex_fits(
+        self,
+        steps: NDArray[np.int16],
+        layout: ReliefLayout,
+        signs: SignArray,
+        decoys: SignArray,
+    ) -> FloatArray:
+        """Tell how well recipients' chips fit single vertices, block by block."""
+        y = np.where(steps < -MOST_STEPS, np.nan, steps / STEPS)
+        if len(y) != len(layout.vertices) or np.isnan(y).all():
+            return np.zeros((1, len(signs), 1 + len(decoys)))
+        return log_fits(
+            layout.basis, layout.blocks, layout.owner, layout.vertices, y, signs, decoys
+        )
 
 
 def _sample(view: AlignedFrame) -> AlignedFrame:
