@@ -162,14 +162,15 @@ def parse_header(text: str) -> Header:
 
 
 def _item(value: Any) -> ItemHeader:
-    # Older files, and other schemes', tell of no vertices.
-    n_vertices = value.pop("vertices", 0) if isinstance(value, dict) else 0
-    prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, informed, variants = (
-        _values(
-            value,
-            *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
-            *("informed", "strands"),
-        )
+    (
+        *(prim, part, also, scheme, n_words, n_frames, tracked, bit_threshold, informed, variants),
+        n_vertices,
+    ) = _values(
+        value,
+        *("prim", "part", "also", "scheme", "n_words", "n_frames", "tracked", "decisive"),
+        *("informed", "strands"),
+        # Older files tell of none.
+        vertices=0,
     )
     item = ItemHeader(
         prim=_text(prim),
@@ -237,10 +238,10 @@ def _recipe(value: Any) -> dict[str, Any]:
     return value
 
 
-def _values(value: Any, *names: str) -> list[Any]:
-    if not isinstance(value, dict) or value.keys() != set(names):
+def _values(value: Any, *names: str, **optional: Any) -> list[Any]:
+    if not isinstance(value, dict) or value.keys() - optional.keys() != set(names):
         raise ValueError("names")
-    return [value[name] for name in names]
+    return [{**optional, **value}[name] for name in (*names, *optional)]
 
 
 def _several(value: Any, parse: Callable[[Any], Thing], most: int = MANY) -> tuple[Thing, ...]:

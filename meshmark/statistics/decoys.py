@@ -33,13 +33,12 @@ def log_e_among_decoys(log_fit: FloatArray) -> FloatArray:
     Parameters
     ----------
     log_fit : (B, ..., 1 + M) float64
-        Log l_b of the secret, then of M decoys, for each of B parts; leading axes after the first
-        are secrets.
+        Log l_b of the secret, then of M decoys, for each of B parts; axes in between are secrets.
 
     Returns
     -------
     (...) float64
-        At most B log(1 + M).
+        Below B log(1 + M).
     """
     log_mean = logsumexp(log_fit, axis=-1) - np.log(log_fit.shape[-1])
     log_e = log_fit[..., 0] - log_mean

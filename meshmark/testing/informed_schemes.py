@@ -24,7 +24,14 @@ from meshmark.embedding.mesh import embed_animation, plan_informed
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.hookspecs import SchemeRecord
-from meshmark.extension.informed import AlignedFrame, InformedScheme, signs_of
+from meshmark.extension.informed import (
+    MOST_VERTICES,
+    AlignedFrame,
+    InformedScheme,
+    VertexReader,
+    signs_of,
+)
+from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box, vertex_normals
 from meshmark.mesh.topology import Topology
@@ -44,8 +51,8 @@ from meshmark.testing.meshes import bumpy_sphere
 from meshmark.testing.schemes import analysed, assert_equal, assert_sound
 
 WHOSE = "somebody"
-# Random words tried on what bears no mark, and how often they may fit by chance.
-WORDS = 2000
+# Random words and keys tried on what bears no mark of theirs, and how often they may fit.
+WORDS, KEYS = 2000, 50
 RATES = (0.1, 0.01)
 # Noise of a copy, as a share of the diagonal.
 NOISE = 1e-4
@@ -212,6 +219,20 @@ class InformedSchemeSuite(PlanningSchemeSuite):
             evidence = extract_informed(copy, animation, scheme, NAME)
         words = rng.choice(np.array([-1, 1]), (WORDS, 1, evidence.n_chips))
         assert_rare(log10_p_of(evidence, words), RATES)
+
+    def test_vertices_of_a_copy_tell_of_random_names_no_more_often_than_by_chance(
+        self, scheme: InformedScheme, animation: MeshAnimation
+    ) -> None:
+        """E-values of single vertices are e-values, over keys: if the scheme offers any."""
+        evidence = leaked(scheme, animation, WHOSE)
+        if not isinstance(scheme, VertexReader) or evidence.vertices is None:
+            pytest.skip("the scheme reads no single vertices")
+        assert evidence.vertices.steps.dtype == np.int16
+        assert len(evidence.vertices.steps) <= MOST_VERTICES
+        keys = [Key(bytes([n] * 32)) for n in range(KEYS)]
+        log_e = [evidence.vertices.log_e(key, NAME, [WHOSE, "another"]) for key in keys]
+        assert_rare(-np.concatenate(log_e) / np.log(10.0), RATES)
+        assert evidence.vertices.log_e(KEY, NAME, [WHOSE])[0] > np.log(10.0)
 
     def test_the_mean_over_frames_tells_more_than_one(
         self, scheme: InformedScheme, animation: MeshAnimation

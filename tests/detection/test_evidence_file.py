@@ -18,10 +18,15 @@ from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.evidence_file import KIND, StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.evidence_header import EXPANSION, FRAMES, LONGEST
 from meshmark.detection.gathering import AssetEvidence
+from meshmark.detection.original_layout import OriginalLayout
 from meshmark.detection.verify import judge_all
+from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import InputError, OutputError
+from meshmark.extension.informed import MOST_VERTICES
+from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.statistics.word_windows import WordPosterior
+from meshmark.testing.informed_schemes import horned
 
 KEY = Key(bytes(range(32)))
 
@@ -71,6 +76,34 @@ def test_what_is_saved_is_loaded(stored, tmp_path) -> None:
         assert (after.restored, after.log_belief) == (before.restored, before.log_belief)
         np.testing.assert_array_equal(after.log_prior, before.log_prior)
         assert_same_frames(after, before)
+
+
+def test_what_vertices_tell_is_saved_and_loaded_without_the_original(stored, tmp_path) -> None:
+    steps = np.array([-(2**15), -7, 0, 2**15 - 1], dtype=np.int16)
+    on = OriginalLayout(horned(), Recipe("relief").build())
+    item = replace(stored.items[0], vertices=VertexEvidence(steps, on))
+    save_evidence(replace(stored, items=(item, stored.items[0])), tmp_path / "e")
+    told, untold = (each.vertices for each in load_evidence(tmp_path / "e").items)
+    assert told is not None
+    np.testing.assert_array_equal(told.steps, steps)
+    assert (told.on, untold) == (None, None)
+    np.testing.assert_array_equal(told.log_e(KEY, "relief", ["acme", "other"]), [0.0, 0.0])
+
+
+@pytest.mark.parametrize("n", [-1, 2, 3, MOST_VERTICES + 1, 2.0, True, None, "4"])
+def test_a_wrong_number_of_vertices_is_refused(stored, tmp_path, n) -> None:
+    item = replace(stored.items[0], vertices=VertexEvidence(np.zeros(4, dtype=np.int16)))
+    vertices = replace(stored, items=(item,))
+    changed_header(vertices, tmp_path, lambda header, item, variants: item.update(vertices=n))
+    with pytest.raises(InputError, match="not an evidence file"):
+        load_evidence(tmp_path / "changed")
+
+
+def test_a_header_of_an_older_version_tells_of_no_vertices(stored, tmp_path) -> None:
+    save_evidence(stored, tmp_path / "e")
+    header, _ = content(tmp_path / "e")
+    assert "vertices" not in header["items"][0]
+    assert load_evidence(tmp_path / "e").items[0].vertices is None
 
 
 def test_the_same_evidence_gives_the_same_bytes(stored, tmp_path) -> None:

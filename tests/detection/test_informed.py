@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from meshmark import verify
+from meshmark.commands.attack import write_attacked
 from meshmark.detection.decision import decide
+from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.detection.informed import gather_informed
-from meshmark.detection.significance import judge
+from meshmark.detection.significance import VERTEX_SHARE, judge, log10_p_of, log10_p_of_names
+from meshmark.detection.verify import judge_all
 from meshmark.embedding.asset import embed
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe
+from meshmark.extension.registry import catalogue
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
@@ -32,6 +36,19 @@ def mesh(shape, prim="/A", shift=0.0) -> MeshAnimation:
 @pytest.fixture(scope="module")
 def copy() -> Asset:
     return embed(horned(), KEY, recipe=RELIEF).asset
+
+
+NAMES = ["acme", "birch", "cedar"]
+
+
+@pytest.fixture(scope="module")
+def patchwork() -> Asset:
+    """Copies of three recipients made into one: each vertex from one of them, at random."""
+    first, *others = (
+        embed(horned(), KEY, recipe=RELIEF, recipient=name).asset.meshes[0] for name in NAMES
+    )
+    blend = catalogue().make("attack", "collusion", other=tuple(others), kind="choice")
+    return as_asset(blend.apply(first, np.random.default_rng(1)))
 
 
 def asset(*meshes: MeshAnimation) -> Asset:
@@ -138,3 +155,49 @@ def test_a_copy_is_compared_with_the_master_where_there_is_one(copy) -> None:
     assert judge(alone, KEY).log10_p < -6.0
     # Nothing stands above itself.
     assert judge(beside, KEY).log10_p > -2.0
+
+
+def test_all_who_gave_vertices_to_a_copy_are_named_and_nobody_else(patchwork) -> None:
+    """Chips tell of some of them at best."""
+    [item] = gather_informed(patchwork, as_asset(horned()), RELIEF).items
+    names = [None, *NAMES, "dogwood", "elm"]
+    chips = log10_p_of(item, KEY.words_of("relief", 1, item.n_chips, names))
+    found = log10_p_of_names(item, KEY, names)
+    assert chips[1:4].max() > -2.0
+    assert found[1:4].max() < -8.0
+    assert found[4:].min() > -2.0
+    assert found[0] == chips[0]
+    assert log10_p_of_names(item, OTHER, names).min() > -2.0
+    verdict = verify(patchwork, KEY, recipes=RELIEF, recipients=names[1:], original=horned())
+    assert {named.recipient for named in verdict.recipients} >= set(NAMES)
+    assert {named.recipient for named in verdict.recipients} <= {None, *NAMES}
+
+
+def test_of_one_recipients_copy_vertices_tell_nothing_that_chips_do_not(copy) -> None:
+    named = embed(horned(), KEY, recipe=RELIEF, recipient="acme").asset
+    [item] = gather_informed(named, as_asset(horned()), RELIEF).items
+    chips = log10_p_of(item, KEY.words_of("relief", 1, item.n_chips, ["acme"]))
+    assert chips[0] < -20.0
+    paid = chips - np.log10(1.0 - VERTEX_SHARE)
+    assert log10_p_of_names(item, KEY, ["acme"]) == pytest.approx(paid)
+
+
+def test_evidence_from_a_file_names_whom_evidence_measured_just_now_does(
+    patchwork, tmp_path
+) -> None:
+    write_attacked(patchwork, tmp_path / "leak.usdc")
+    write_attacked(as_asset(horned()), tmp_path / "original.usdc")
+
+    def judged():
+        found = kept_evidence(
+            str(tmp_path / "leak.usdc"),
+            tmp_path / "evidence",
+            recipes=RELIEF,
+            original=str(tmp_path / "original.usdc"),
+        )
+        return judge_all(found, KEY, recipients=NAMES)
+
+    measured, kept = judged(), judged()
+    assert {named.recipient for named in measured.recipients} >= set(NAMES)
+    assert kept.recipients == measured.recipients
+    assert kept.log10_p == measured.log10_p
