@@ -11,13 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.extension.informed import AlignedFrame
+from meshmark.mesh.flip_guard import mean_edge_lengths
 from meshmark.mesh.geometry import lengths, surface_box, vertex_normals
 
 # Vertices that are looked at: so many at most, and no fewer than a fit is made of.
 MOST_VERTICES, FEWEST = 9000, 64
+# A vertex that lies within this share of the edges from one of the reference is that one.
+NEXT = 0.1
 ROUNDS = 3
 # Offsets along the surface beyond so many standard deviations count for less.
 CLIP = 3.0
@@ -52,16 +56,18 @@ def sampled(n_points: int) -> IntArray:
     return np.unique(np.linspace(0, n_points - 1, min(n_points, MOST_VERTICES)).astype(np.int64))
 
 
-def offsets(view: AlignedFrame) -> Offsets | None:
-    """Measure a frame whose vertices kept their identity; None of others."""
-    if view.vertices is None:
-        return None
+def offsets(view: AlignedFrame) -> Offsets:
+    """Measure a frame's vertices above their own, or those that lie next to one of the reference.
+
+    A program that puts vertices into another order, or cuts some away, leaves the others in place.
+    """
     V, F = view.reference.points, view.reference.faces
     at = sampled(len(V))
     place = np.full(len(V), -1)
     place[at] = np.arange(len(at))
-    kept = np.flatnonzero(place[view.vertices] >= 0)
-    own = view.vertices[kept]
+    vertices = _next_to(view.points, V, F, at) if view.vertices is None else view.vertices
+    kept = np.flatnonzero(np.where(vertices >= 0, place[vertices], -1) >= 0)
+    own = vertices[kept]
     if len(own) < FEWEST:
         return Offsets(np.full(len(at), np.nan), np.inf)
     diagonal, centre = surface_box(V, F)
@@ -91,6 +97,14 @@ def mean_height(frames: Sequence[Offsets]) -> FloatArray:
     total = (weight * np.where(seen, height, 0.0)).sum(axis=0)
     known = weight.sum(axis=0)
     return np.divide(total, known, out=np.full(len(total), np.nan), where=known > 0.0)
+
+
+def _next_to(P: FloatArray, V: FloatArray, F: IntArray, at: IntArray) -> IntArray:
+    """Find which of some vertices (V,) of a reference points (n, 3) lie next to; -1 for none."""
+    reach = NEXT * mean_edge_lengths(V, F)[at]
+    distance, k = cKDTree(V[at]).query(P, distance_upper_bound=float(reach.max()))
+    k = np.minimum(k, len(at) - 1)
+    return np.where(distance <= reach[k], at[k], -1)
 
 
 def _aligned(

@@ -96,12 +96,12 @@ class Measured:
     ----------
     heights : tuple of Heights
         Above the reference, in each way that may suit what was done to the copy.
-    offsets : Offsets or None
-        Of vertices from their own, where they kept their identity.
+    offsets : Offsets
+        Of single vertices.
     """
 
     heights: tuple[Heights, ...]
-    offsets: Offsets | None
+    offsets: Offsets
 
 
 class Relief:
@@ -193,12 +193,11 @@ class Relief:
         self, measured: Sequence[Sequence[Measured]], layout: ReliefLayout
     ) -> NDArray[np.int16] | None:
         """Round the heights of single vertices, under the map that fits along the surface."""
-        maps = [[frame.offsets for frame in frames] for frames in measured]
-        known = [[one for one in frames if one is not None] for frames in maps]
-        if not all(known) or len(known[0]) != len(maps[0]):
-            return None
-        best = min(known, key=lambda frames: np.median([one.deviation for one in frames]))
+        by_map = [[frame.offsets for frame in frames] for frames in measured]
+        best = min(by_map, key=lambda frames: np.median([one.deviation for one in frames]))
         steps = np.rint(STEPS * mean_height(best) / layout.height)
+        if np.isnan(steps).all():
+            return None
         bounded = np.clip(steps, -MOST_STEPS, MOST_STEPS)
         return np.where(np.isnan(steps), -MOST_STEPS - 1, bounded).astype(np.int16)
 
