@@ -76,13 +76,8 @@ def log_fits(
         seen = np.flatnonzero(~np.isnan(y[rows]))
         at = rows[seen]
         short = (y[at, None] - x[at]).astype(np.float32)
-        off = np.concatenate(
-            [
-                (short - own[seen])[:, :, None],
-                short[:, :, None] - drawn[seen][:, None, :],
-            ],
-            axis=2,
-        )
+        by_own, by_drawn = short - own[seen], short[:, :, None] - drawn[seen][:, None, :]
+        off = np.concatenate([by_own[:, :, None], by_drawn], axis=2)
         fits.append(_log_fit(off**2, variance[seen], elsewhere[at]))
         x[rows] += own
     return np.array(fits)

@@ -140,4 +140,4 @@ def _scaled(x: FloatArray) -> FloatArray:
 
 def _deviation(size: FloatArray) -> float:
     """Estimate the deviation of either component of vectors in a plane, by lengths (V,)."""
-    return float(np.median(size)) / RAYLEIGH_MEDIAN
+    return max(float(np.median(size)) / RAYLEIGH_MEDIAN, TINY)

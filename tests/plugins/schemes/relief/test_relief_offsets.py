@@ -69,6 +69,15 @@ def test_a_ball_stays_as_large_as_it_was_aligned() -> None:
     np.testing.assert_allclose(found.height, f, atol=0.1 * size)
 
 
+def test_what_nobody_touched_has_no_height() -> None:
+    V = HORNED.points
+    np.testing.assert_allclose(offsets(view(HORNED, V)).height, 0.0, atol=1e-12)
+    f, P, size = raised(HORNED)
+    untouched = np.arange(len(V)) % 4 > 0
+    found = offsets(view(HORNED, np.where(untouched[:, None], V, P)))
+    np.testing.assert_allclose(found.height, np.where(untouched, 0.0, f), atol=0.02 * size)
+
+
 def test_noise_is_measured_along_the_surface() -> None:
     f, P, size = raised(HORNED)
     noise = 0.5 * size * np.random.default_rng(2).normal(size=P.shape)
