@@ -10,7 +10,7 @@ from meshmark.alignment.following import FollowFrame
 from meshmark.alignment.original import Original
 from meshmark.alignment.placement import AssetAlignment, MeshAlignment
 from meshmark.alignment.refinement import Placement
-from meshmark.alignment.search import FEATURES, IDENTITY, PCA, Search
+from meshmark.alignment.search import FEATURES, IDENTITY, PCA, REPOSED, Search
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut
@@ -107,7 +107,7 @@ def align_mesh(
     meshes = (copy,) if isinstance(copy, MeshAnimation) else tuple(copy)
     known = Original(original)
     with breakdown_means_no_capacity(), one_thread():
-        method, fit = Search(meshes, known).first(frames, (IDENTITY, PCA, FEATURES))
+        method, fit = Search(meshes, known).first(frames, (IDENTITY, REPOSED, PCA, FEATURES))
     return _follow(meshes, known, method, fit.placement, frames, jobs)
 
 
@@ -142,7 +142,7 @@ class _Work:
         original = Original(mesh)
         with one_thread():
             found = self._found(original)
-            if found.method != IDENTITY:
+            if found.method not in (IDENTITY, REPOSED):
                 found = self._with_others(found, original)
         aligned = _follow(
             found.meshes,
@@ -160,6 +160,8 @@ class _Work:
         reason = "nothing of the copy is left for it"
         best: tuple[_Found, Fit] | None = None
         for meshes, method in self._candidates(original):
+            if method == REPOSED and best is not None:
+                continue
             search, frames = Search(meshes, original), self._frames(meshes)
             if method == PCA and self._known:
                 start = search.known(frames, self._known)
@@ -181,9 +183,8 @@ class _Work:
     def _candidates(self, original: Original) -> Iterator[tuple[tuple[MeshAnimation, ...], str]]:
         """List what of the copy the original may be found in, and how: quick and likely first."""
         free = sorted(self._free, key=lambda each: each.prim != original.animation.prim)
-        for mesh in free:
-            if mesh[0].topology.n_points == original.n_points:
-                yield (mesh,), IDENTITY
+        same = [mesh for mesh in free if mesh[0].topology.n_points == original.n_points]
+        yield from (((mesh,), method) for method in (IDENTITY, REPOSED) for mesh in same)
         alone = [(mesh,) for mesh in free]
         together = [tuple(free)] if len(free) > 1 else []
         several = [*alone[:1], *together, *alone[1:]]

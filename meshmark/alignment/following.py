@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.fit import Fit
-from meshmark.alignment.maps import maps_of
+from meshmark.alignment.maps import maps_of, similarity_of
 from meshmark.alignment.matching import ClosestAt, PairedAt
 from meshmark.alignment.original import Original
 from meshmark.alignment.placement import FramePlacement
 from meshmark.alignment.refinement import Placement
-from meshmark.alignment.search import EXACT, IDENTITY, PCA, SLIDES, Search
+from meshmark.alignment.search import EXACT, IDENTITY, PCA, REPOSED, SLIDES, Search
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
@@ -39,14 +39,18 @@ class FollowFrame:
         search = Search(self._meshes, self._original)
         frame = CopyFrame.of(self._meshes, index)
         fit: Fit | None = None
-        if self._method != IDENTITY:
+        by_vertex = self._method in (IDENTITY, REPOSED)
+        if not by_vertex:
             fit = search.near(frame, self._start)
         if fit is None or not fit.fits:
-            fit = search.place(frame, IDENTITY if self._method == IDENTITY else PCA)
+            fit = search.place(frame, self._method if by_vertex else PCA)
         if fit is None or not fit.fits:
             return None
-        some = frame.some(EXACT)
-        paired = self._method == IDENTITY and fit.slip >= SLIDES
-        at = PairedAt(self._original, some) if paired else ClosestAt(self._original)
-        maps = maps_of(some.points, fit.placement, at(fit.placement.pose), fit.covered)
-        return FramePlacement(index, fit.placement.pose, maps, fit.residual, fit.covered)
+        some, pose = frame.some(EXACT), fit.placement.pose
+        if self._method == REPOSED:
+            maps = {"similarity": similarity_of(some.points, fit.placement)}
+        else:
+            paired = self._method == IDENTITY and fit.slip >= SLIDES
+            at = PairedAt(self._original, some) if paired else ClosestAt(self._original)
+            maps = maps_of(some.points, fit.placement, at(pose), fit.covered)
+        return FramePlacement(index, pose, maps, fit.residual, fit.covered)

@@ -40,14 +40,18 @@ def maps_of(
     covered : float
         Share of the original's area.
     """
-    centre = P.mean(axis=0)
-    size = float(np.abs(P - centre).max()) or 1.0
-    A = placement.A
-    start = PolynomialMap.affine(A[:, :3], A[:, 3], centre, size)
+    start = similarity_of(P, placement)
     found = {"similarity": start, "affine": _fit(P, start, matcher, 1)}
     if covered >= CUBIC_COVERS and len(P) > 10 * TERMS[3]:
         found["cubic"] = _fit(P, found["affine"], matcher, 3)
     return found
+
+
+def similarity_of(P: FloatArray, placement: Placement) -> PolynomialMap:
+    """Return the map of a placement itself, for vertices P (n, 3)."""
+    centre = P.mean(axis=0)
+    size = float(np.abs(P - centre).max()) or 1.0
+    return PolynomialMap.affine(placement.A[:, :3], placement.A[:, 3], centre, size)
 
 
 def _fit(P: FloatArray, start: PolynomialMap, matcher: Matcher, degree: int) -> PolynomialMap:

@@ -17,6 +17,7 @@ from meshmark.mesh.checks import require_extent, require_measurable
 from meshmark.mesh.closest_points import sample_surface
 from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import surface_box
+from meshmark.mesh.welding import Welding
 
 PAIRS = 1000
 
@@ -53,6 +54,11 @@ class Original:
         except InputError as error:
             raise self._unfit(animation, error.message) from None
         self.diagonal, self.centre = surface_box(first.points, first.faces)
+
+    @cached_property
+    def welding(self) -> Welding:
+        """Its vertices, coincident ones as one."""
+        return Welding.of(self.animation[0])
 
     @cached_property
     def samples(self) -> PoseSamples:

@@ -88,13 +88,15 @@ class FramePlacement:
         Frame of the copy.
     pose : float
         Frame of the original it shows; between two, a linear blend of them. See
-        `meshmark.alignment.poses.posed`.
+        `meshmark.alignment.poses.posed`. The nearest frame, where the original never takes the
+        pose.
     maps : mapping of str to PolynomialMap
         From the copy's world space to the original's. "similarity" (mirrors included) always,
-        "affine" too, and "cubic" where enough of the surface is covered.
+        "affine" too, and "cubic" where enough of the surface is covered; neither of them where
+        the original never takes the pose.
     residual : float
-        Root mean square distance of the copy's vertices from the posed original under the
-        similarity, the farthest tenth left aside; a share of the original's diagonal.
+        Root mean square distance of the copy's vertices from the posed (or reposed) original
+        under the similarity, the farthest tenth left aside; a share of the original's diagonal.
     covered : float
         Share of the original's area that has vertices of the copy within reach.
     """
@@ -115,8 +117,9 @@ class MeshAlignment:
     copy : tuple of MeshAnimation
         The meshes of the copy that lie on it: one, or several into which it was split.
     original : MeshAnimation
-    method : {"identity", "pca", "features"}
+    method : {"identity", "reposed", "pca", "features"}
         How it was found. "identity": vertex i of the copy is vertex i of the original.
+        "reposed": so it is, in poses that the original never takes.
     frames : tuple of FramePlacement
         Those frames of the copy that could be placed, in order.
     """

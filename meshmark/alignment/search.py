@@ -29,14 +29,15 @@ from meshmark.alignment.fit import (
 from meshmark.alignment.matching import ClosestAt, Matcher, PairedAt, SamplesAt
 from meshmark.alignment.original import Original
 from meshmark.alignment.poses import posed
-from meshmark.alignment.procrustes import robust_similarity
+from meshmark.alignment.procrustes import robust_similarity, similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
+from meshmark.alignment.reposing import reposed
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.frame_range import spread
-from meshmark.mesh.geometry import edge_length, face_areas
+from meshmark.mesh.geometry import edge_length, face_areas, lengths
 
-IDENTITY, PCA, FEATURES = "identity", "pca", "features"
+IDENTITY, REPOSED, PCA, FEATURES = "identity", "reposed", "pca", "features"
 # Vertices that rough and exact placements are computed from, at most, and their rounds.
 ROUGH, ROUGH_ROUNDS = 600, 12
 EXACT, EXACT_ROUNDS = 4_000, 30
@@ -89,6 +90,8 @@ class Search:
         tried = [frames[i] for i in spread(len(frames), TRIED)]
         best: tuple[str, Fit] | None = None
         for method in methods:
+            if method == REPOSED and best is not None and best[1].fits:
+                continue
             for index in tried[: 1 if method == FEATURES else TRIED]:
                 try:
                     fit = self.place(CopyFrame.of(self._meshes, index), method)
@@ -136,6 +139,8 @@ class Search:
         """
         if method == IDENTITY:
             return self._by_identity(frame)
+        if method == REPOSED:
+            return self._by_reposing(frame)
         if method == PCA:
             return self._by_axes(frame)
         return self._by_features(frame)
@@ -166,6 +171,23 @@ class Search:
         if rest.slip < SLIDES:
             found, _ = self._refined(some, found, ClosestAt(original), EXACT_ROUNDS)
         return self._fit(frame, found, rest.slip)
+
+    def _by_reposing(self, frame: CopyFrame) -> Fit | None:
+        """Place a frame of the same vertices and faces in a pose that the original never takes."""
+        original, first = self._original, self._meshes[0][0]
+        pose = original.pose_of(frame) if frame.n_points == original.n_points else None
+        if pose is None or not first.topology.same_as(original.animation[0].topology):
+            return None
+        pose = float(round(pose))
+        there = posed(original.animation, pose).points
+        A = similarity(frame.points, there[frame.vertices], np.ones(len(frame.points)))
+        placement = Placement(A, pose)
+        Q, kept = there.copy(), original.welding.kept
+        Q[frame.vertices] = placement(frame.points)
+        apart = Q[kept] - reposed(there[kept], Q[kept], original.welding.topology)
+        distances = lengths(apart) / original.diagonal
+        near = float((distances < NEAR).mean())
+        return Fit(placement, distances, near, near, 1.0)
 
     def _by_axes(self, frame: CopyFrame) -> Fit | None:
         best = None

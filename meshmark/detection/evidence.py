@@ -150,7 +150,7 @@ class InformedFacts:
     maps : tuple of str
         Maps of space that were tried: "similarity", "affine", "cubic".
     method : str
-        How the placement was found: "identity", "pca" or "features".
+        How the placement was found: "identity", "reposed", "pca" or "features".
     residual : float
         Distance of the copy from the original, a share of the diagonal.
     covered : float

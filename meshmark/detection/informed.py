@@ -13,6 +13,8 @@ from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
+from meshmark.alignment.reposing import reposed
+from meshmark.alignment.search import IDENTITY, REPOSED
 from meshmark.arrays import IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.detection.original_layout import OriginalLayout
@@ -224,7 +226,7 @@ class _Reading:
 
     def _identities(self, frame: CopyFrame) -> tuple[Any, IntArray | None]:
         """Choose the copy's vertices to read, and tell which of the reference they are."""
-        if self.found.method != "identity":
+        if self.found.method not in (IDENTITY, REPOSED):
             return slice(None), None
         vertices = self.on.welding.new[frame.vertices]
         kept = np.flatnonzero(vertices >= 0)
@@ -241,6 +243,11 @@ class _Reading:
         for name in self.maps:
             points = placement.maps[name](frame.points)
             normals = vertex_normals(points, frame.faces)
+            if self.found.method == REPOSED:
+                Q = pose.points.copy()
+                Q[frame.vertices] = points
+                under = under.moved(reposed(under.points, Q[welding.kept], polygons))
+                velocity = np.zeros_like(velocity)
             yield AlignedFrame(under, velocity, points[kept], normals[kept], vertices)
 
 
