@@ -246,7 +246,7 @@ class _Reading:
             if self.found.method == REPOSED:
                 Q = pose.points.copy()
                 Q[frame.vertices] = points
-                under = under.moved(reposed(under.points, Q[welding.kept], polygons))
+                under = under.moved(reposed(under.points, Q[kept_points], self.on.polygons))
                 velocity = np.zeros_like(velocity)
             yield AlignedFrame(under, velocity, points[kept], normals[kept], vertices)
 
