@@ -10,15 +10,17 @@ from random import Random
 from .archives import altered_archive, altered_json, altered_members, json_text, packed, unpacked
 from .crates import altered_crate
 from .evidence import altered_evidence
+from .gltf import altered_gltf
 from .seeds import QUICK, Seed
 from .texts import altered_text, words_of
 
 # Kinds, and how many of a hundred inputs are of it.
 SHARES = {
-    "usda": 26,
-    "usdc": 28,
-    "usdz": 12,
-    "obj": 16,
+    "usda": 22,
+    "usdc": 24,
+    "usdz": 10,
+    "obj": 12,
+    "gltf": 14,
     "evidence": 10,
     "key": 2,
     "names": 3,
@@ -133,6 +135,7 @@ ALTER: dict[str, Callable[[bytes, Random], bytes]] = {
     "usdc": altered_crate,
     "usdz": _usdz,
     "obj": lambda data, rng: altered_text(data, rng, OBJ_WORDS),
+    "gltf": altered_gltf,
     "evidence": altered_evidence,
     "key": lambda data, rng: altered_text(data, rng, KEY_WORDS),
     "names": lambda data, rng: altered_text(data, rng, NAME_WORDS),
@@ -155,10 +158,10 @@ def _commands(kind: str, seed: Seed, rng: Random) -> tuple[tuple[str, ...], ...]
             recipe = QUICK if seed.name == "quick" else ()
             return (("verify", source, *key, "--evidence", list(seed.files)[-1], *recipe),)
     scheme = rng.choices((QUICK, ("--scheme", "tsai2014"), ("--scheme", "apex")), (4, 2, 1))[0]
-    return (
-        ("inspect", source, *scheme),
-        *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2, 2))[0],
-    )
+    look = ("inspect", source, *scheme)
+    if kind == "gltf":
+        return (look, *rng.choices(_gltf_uses(source, key, rng), (3, 2, 6, 6, 2, 2))[0])
+    return (look, *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2, 2))[0])
 
 
 def _uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[str, ...], ...]]:
@@ -177,4 +180,20 @@ def _uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[st
         (("segment", source, "-o", "cut.usda"),),
         (("check", source, "--json"),),
         (("attack", "noise", source, "-o", output, "-p", "amplitude=0.001", "--seed", "1"),),
+    ]
+
+
+def _gltf_uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[str, ...], ...]]:
+    """Return what may be done with a glTF file after a look at it."""
+    output = "out" + rng.choice((".glb", ".glb", ".gltf"))
+    verify, embed = ("verify", source, *key), ("embed", source, *key, *QUICK, "-o")
+    attack = ("attack", "noise", source, "-o", output, "-p", "amplitude=0.001")
+    again = ("verify", output, *key, *QUICK)
+    return [
+        ((*verify, "--frames", ":", *QUICK),),
+        ((*embed, "out.usdc"), ("verify", "out.usdc", *key, *QUICK)),
+        ((*embed, output), again),
+        ((*embed, output, "--uncompress"), again),
+        (attack, ("inspect", output)),
+        ((*verify, "--fps", rng.choice(("1", "7", "1000")), *QUICK),),
     ]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from . import gltf
 from .evidence import SECRET
 
 KEY = hashlib.sha256(b"a key that is looked for").digest()
@@ -89,6 +90,10 @@ def _all(folder: Path) -> Iterator[tuple[str, str, dict[str, bytes]]]:
         )
     for name, objs in _objs().items():
         yield "obj", name, {file: text.encode() for file, text in objs.items()}
+    scratch = folder / "scratch" / "gltf"
+    scratch.mkdir(parents=True)
+    for name, of_one in gltf.files(scratch).items():
+        yield "gltf", name, of_one
     yield from _around_a_mark(folder)
 
 
@@ -188,7 +193,7 @@ def _array(points: Any) -> str:
 
 def _ball(name: str = "A", more: str = "") -> str:
     """A ball with horns, 162 points, that moves: any scheme can be tried on it, one marks it."""
-    V, F = _horned()
+    V, F = horned()
     samples = ", ".join(f"{time}: {_array(V * [1, 1, z])}" for time, z in ((1, 1.0), (2, 1.1)))
     return f"""
 def Mesh "{name}"
@@ -201,7 +206,7 @@ def Mesh "{name}"
 """
 
 
-def _horned() -> tuple[Any, Any]:
+def horned() -> tuple[Any, Any]:
     import numpy as np
 
     from meshmark.testing.meshes import bumpy_sphere
@@ -396,12 +401,12 @@ def SkelRoot "A" (
 
 
 def _with_faces(text: str) -> str:
-    _, F = _horned()
+    _, F = horned()
     return text.replace("COUNTS", str([3] * len(F))).replace("INDICES", str(F.ravel().tolist()))
 
 
 def _objs() -> dict[str, dict[str, str]]:
-    V, F = _horned()
+    V, F = horned()
     body = "".join(f"v {x:.6g} {y:.6g} {z:.6g}\n" for x, y, z in V.tolist())
     body += "".join(f"f {a} {b} {c}\n" for a, b, c in (F + 1).tolist())
     corners = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE)
