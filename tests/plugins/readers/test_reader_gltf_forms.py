@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gltf_files import QUAD, QUAD_FACES, GltfFile, ball, draco_quad, quad
+from gltf_files import QUAD, QUAD_FACES, GltfFile, ball, draco_quad, glb, quad
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.sources.writing import writer
 from meshmark.testing.meshes import icosphere
@@ -202,6 +202,57 @@ def test_quantised_vertices_are_written_as_floats(tmp_path):
     assert "extensionsUsed" not in written
     assert "normalized" not in written["accessors"][normals]
     assert before not in (tmp_path / "marked.glb").read_bytes()
+
+
+def test_what_shares_bytes_with_quantised_positions_stays(tmp_path):
+    made = on_grid("i2", 20000, False)
+    made.add("accessors", bufferView=0, byteOffset=8, **made.describe(np.zeros((1, 1)), "u4"))
+    before = bytes(made.data[8:12])
+    source = made.save(tmp_path / "plain.glb")
+    written = mark(source, tmp_path / "marked.glb", uncompress=True)
+    view = written["bufferViews"][written["accessors"][-1]["bufferView"]]
+    data = bytes(read_container(tmp_path / "marked.glb").binary[view["byteOffset"] :])
+    assert data[8:12] == before
+    assert not any(data[:8] + data[12 : view["byteLength"]])
+
+
+def test_a_primitive_of_draco_may_name_no_faces_but_none_that_are_not_there(tmp_path):
+    made = draco_quad()
+    primitive = made.json["meshes"][0]["primitives"][0]
+    primitive["indices"] = 7
+    source = made.save(tmp_path / "plain.glb")
+    asset = GltfReader().read(source)
+    with pytest.raises(InputError, match=r"primitives\[0\].indices is 7, but there are 2"):
+        writer(asset, tmp_path / "marked.glb", parameters={"uncompress": True})
+    del primitive["indices"]
+    mark(made.save(tmp_path / "plain.glb"), tmp_path / "marked.glb", uncompress=True)
+
+
+@pytest.mark.parametrize("uncompress", [False, True])
+@pytest.mark.parametrize(
+    ("members", "wanted"),
+    [
+        ({"images": 3}, "images is 3, not a list"),
+        ({"images": [{"uri": 3}]}, r"images\[0\].uri is 3, not a text"),
+        ({"extras": {"deep": 1e308 * 10}}, "a number beyond the range of float64"),
+    ],
+)
+def test_nonsense_beside_the_meshes_is_told_before_any_work(tmp_path, members, wanted, uncompress):
+    made = quad()
+    asset = GltfReader().read(made.save(tmp_path / "plain.glb"))
+    made.json |= {"buffers": [{"byteLength": len(made.data)}], **members}
+    text = json.dumps(made.json).replace("Infinity", "1e999").encode()
+    (tmp_path / "plain.glb").write_bytes(glb((b"JSON", text), (b"BIN\0", bytes(made.data))))
+    with pytest.raises(InputError, match=rf"plain.glb: .*{wanted}"):
+        writer(asset, tmp_path / "m.glb", parameters={"uncompress": uncompress})
+
+
+def test_extensions_that_are_no_list_are_left_out_of_a_plain_copy(tmp_path):
+    made = quad()
+    made.json["extensionsUsed"] = 3
+    source = made.save(tmp_path / "plain.glb")
+    assert "extensionsUsed" in mark(source, tmp_path / "marked.glb")
+    assert "extensionsUsed" not in mark(source, tmp_path / "marked.glb", uncompress=True)
 
 
 def sparse(made: GltfFile, accessor: int, indices: list[int], values: np.ndarray) -> None:

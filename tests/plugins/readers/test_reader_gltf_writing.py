@@ -181,12 +181,17 @@ def shared(made: GltfFile) -> None:
     made.mesh({"attributes": {"POSITION": second}})
 
 
+def also_times(made: GltfFile) -> None:
+    made.add("accessors", bufferView=0, byteOffset=44, **made.describe(QUAD[:1, :1]))
+
+
 @pytest.mark.parametrize(
     ("spoil", "wanted"),
     [
         (draco, r"meshes\[0\].primitives\[0\] is compressed by Draco, .*--uncompress writes"),
         (sparse_over_nothing, r"accessors\[0\] is sparse, .*--uncompress writes"),
-        (shared, r"accessors\[2\] shares data with accessors\[0\]"),
+        (shared, r"accessors\[2\] shares data with positions"),
+        (also_times, r"accessors\[2\] shares data with positions"),
     ],
 )
 def test_what_cannot_be_replaced_is_refused_before_any_work(tmp_path, spoil, wanted):
@@ -197,6 +202,20 @@ def test_what_cannot_be_replaced_is_refused_before_any_work(tmp_path, spoil, wan
     made.save(tmp_path / "plain.glb")
     with pytest.raises(UsageError, match=rf"plain.glb: {wanted}.*a \.usdc always can"):
         writer(asset, tmp_path / "marked.glb")
+
+
+def test_positions_between_other_numbers_are_not_shared(tmp_path):
+    made = quad()
+    rows = np.hstack([QUAD, QUAD]).astype("<f4")
+    view = made.view(rows.tobytes(), byteStride=24)
+    for begin, name in ((0, "POSITION"), (12, "NORMAL")):
+        made.add("accessors", bufferView=view, byteOffset=begin, **made.describe(QUAD))
+        attributes = made.json["meshes"][0]["primitives"][0]["attributes"]
+        attributes[name] = len(made.json["accessors"]) - 1
+    begins = made.json["bufferViews"][view]["byteOffset"]
+    written(tmp_path, made, lambda frame: frame.moved(frame.points + 1))
+    data = np.frombuffer(chunks(tmp_path / "marked.glb")[1], "<f4", 24, begins).reshape(4, 6)
+    np.testing.assert_array_equal(data, np.hstack([QUAD + 1, QUAD]))
 
 
 def test_what_is_no_copy_of_the_source_is_refused(tmp_path):

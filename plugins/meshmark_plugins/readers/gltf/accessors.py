@@ -13,10 +13,18 @@ from meshmark.arrays import IntArray
 from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.buffers import Buffers
 from meshmark_plugins.readers.gltf.element import LARGEST, Element
+from meshmark_plugins.readers.gltf.rows import VIEWS, Rows
 
-TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+TYPES: dict[int, np.dtype[Any]] = {
+    5120: np.dtype("<i1"),
+    5121: np.dtype("<u1"),
+    5122: np.dtype("<i2"),
+    5123: np.dtype("<u2"),
+    5125: np.dtype("<u4"),
+    5126: np.dtype("<f4"),
+}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-UNSIGNED = ("<u1", "<u2", "<u4")
+KINDS = tuple(WIDTHS)
 
 
 class Accessors:
@@ -40,7 +48,7 @@ class Accessors:
 
     def width(self, index: int) -> int:
         """Return how many numbers an element of an accessor has."""
-        return WIDTHS[self.elements[index].one_of("type", list(WIDTHS))]
+        return WIDTHS[self.elements[index].one_of("type", KINDS)]
 
     def values(self, index: int, *, stored: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return numbers as they are stored, (N, width); see `numbers`."""
@@ -79,7 +87,8 @@ class Accessors:
                 raise InputError(f"{accessor.place}: element {row} is not finite")
             return values
         if not accessor.flag("normalized"):
-            return values.astype(np.float64)
+            # Single precision holds integers of two bytes.
+            return values.astype(np.float32 if values.itemsize < 4 else np.float64)
         most = np.iinfo(values.dtype).max
         return np.maximum(values.astype(np.float64) / most, -1.0)
 
@@ -98,13 +107,32 @@ class Accessors:
             accessor.fail("componentType", "is not of unsigned integers")
         return values
 
+    def rows(self, index: int) -> list[Rows]:
+        """Return where the numbers of an accessor stand: in its view, and where it is sparse."""
+        accessor = self.elements[index]
+        dtype, width = stored_type(accessor), self.width(index)
+        found = []
+        if "bufferView" in accessor:
+            found.append(self._rows(accessor, dtype, accessor.integer("count", low=1), width))
+        if "sparse" in accessor:
+            sparse = accessor.object("sparse")
+            count = sparse.integer("count", low=1)
+            found.append(self._rows(sparse.object("values"), dtype, count, width))
+        return found
+
+    def _rows(self, holder: Element, dtype: np.dtype[Any], count: int, width: int) -> Rows:
+        number = holder.index("bufferView", self._buffers.views)
+        stride = self._buffers.stride(number) or width * dtype.itemsize
+        begin = holder.integer("byteOffset", default=0)
+        return Rows((VIEWS, number), begin, stride, count, width, dtype)
+
     def _values(
         self, accessor: Element, width: int, count: int | None, stored: NDArray[Any] | None
     ) -> NDArray[Any]:
         claimed = accessor.integer("count", low=1)
         if count is not None and claimed != count:
             accessor.fail("count", f"is {claimed}, not {count}")
-        if WIDTHS[accessor.one_of("type", list(WIDTHS))] != width:
+        if WIDTHS[accessor.one_of("type", KINDS)] != width:
             accessor.fail("type", f"is {accessor.text('type')}, not of {width} numbers")
         if stored is not None:
             if stored.shape != (claimed, width):
@@ -170,7 +198,7 @@ class Accessors:
         listed = sparse.integer("count", low=1, high=count)
         where = sparse.object("indices")
         kind = stored_type(where)
-        if kind.str.replace("|", "<") not in UNSIGNED:
+        if kind.kind != "u":
             where.fail("componentType", "is not of unsigned integers")
         indices = self._dense(where, kind, listed, 1)[:, 0]
         if indices.max() >= count:
@@ -183,4 +211,4 @@ def stored_type(element: Element) -> np.dtype[Any]:
     number = element.integer("componentType", high=LARGEST)
     if number not in TYPES:
         element.fail("componentType", f"is {number}, which is no type of glTF")
-    return np.dtype(TYPES[number])
+    return TYPES[number]

@@ -34,6 +34,7 @@ class Buffers:
         self._folder = folder
         self._read: dict[int, memoryview] = {}
         self._views: dict[int, memoryview] = {}
+        self._strides: dict[int, int | None] = {}
 
     def view(self, index: int) -> memoryview:
         """Return the bytes of a view, decompressed.
@@ -54,8 +55,11 @@ class Buffers:
 
     def stride(self, index: int) -> int | None:
         """Return how far apart the elements of a view are, in bytes; None if they are dense."""
-        view = self.views[index]
-        return view.integer("byteStride", low=1, high=1 << 16) if "byteStride" in view else None
+        if index not in self._strides:
+            view = self.views[index]
+            told = "byteStride" in view
+            self._strides[index] = view.integer("byteStride", low=1, high=1 << 16) if told else None
+        return self._strides[index]
 
     def _view(self, view: Element) -> memoryview:
         packed = view.extension(*MESHOPT)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
@@ -29,20 +31,34 @@ class Track:
     ----------
     times : (K,) float64
         Of the keys, in seconds, not decreasing.
-    values : (K, C) float64
-        At the keys.
-    tangents : (2, K, C) float64 or None
-        Into and out of each key, of cubic splines.
+    stored : (K, P, C) float
+        What is stored of each key: its value; of cubic splines, the tangent into it, the value,
+        and the tangent out of it.
     interpolation : str
     is_rotation : bool
         Whether the values are quaternions: between keys, they go along the shorter arc.
     """
 
     times: FloatArray
-    values: FloatArray
-    tangents: FloatArray | None
+    stored: NDArray[np.floating]
     interpolation: str
     is_rotation: bool
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """Values at the keys, (K, C)."""
+        values = self.stored[:, self.stored.shape[1] // 2].astype(np.float64)
+        if self.is_rotation and self.tangents is None:
+            length = np.linalg.norm(values, axis=1, keepdims=True)
+            values /= np.where(length == 0, 1.0, length)
+        return values
+
+    @cached_property
+    def tangents(self) -> FloatArray | None:
+        """Tangents into and out of each key, (2, K, C), of cubic splines."""
+        if self.interpolation != CUBIC:
+            return None
+        return np.stack([self.stored[:, 0], self.stored[:, 2]]).astype(np.float64)
 
     def at(self, time: float) -> FloatArray:
         """Return the value at a time, (C,); before the first key and after the last, theirs."""
@@ -150,14 +166,8 @@ def _track(
     # Weights are listed one by one.
     each, rows = (1, width) if path == WEIGHTS else (width, 1)
     listed = accessors.numbers(output, each, count=len(times) * parts * rows)
-    values = listed.astype(np.float64).reshape(len(times), parts, width)
-    tangents = np.stack([values[:, 0], values[:, 2]]) if parts == 3 else None
-    is_rotation = path == "rotation"
-    keys = values[:, parts // 2]
-    if is_rotation and tangents is None:
-        length = np.linalg.norm(keys, axis=1, keepdims=True)
-        keys = keys / np.where(length == 0, 1.0, length)
-    return Track(times, keys, tangents, interpolation, is_rotation)
+    stored = listed.reshape(len(times), parts, width)
+    return Track(times, stored, interpolation, path == "rotation")
 
 
 class KeyTimes:

@@ -152,7 +152,7 @@ def copied(root: Mapping[str, Any]) -> dict[str, Any]:
 
 def _parsed(text: memoryview) -> dict[str, Any]:
     try:
-        document = json.loads(str(text, "utf-8-sig"), parse_constant=_no_constant)
+        document = DECODER.decode(str(text, "utf-8-sig"))
     except UnicodeDecodeError as error:
         raise InputError(f"its JSON is not UTF-8 at byte {error.start}") from None
     except RecursionError:
@@ -169,3 +169,6 @@ def _parsed(text: memoryview) -> dict[str, Any]:
 
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a number of JSON")
+
+
+DECODER = json.JSONDecoder(parse_constant=_no_constant)

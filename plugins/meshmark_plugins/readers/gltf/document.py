@@ -159,7 +159,7 @@ class Document:
             return None
         n = len(geometry.vertices.targets)
         weighted = element if "weights" in element else self._meshes.elements[node.mesh]
-        weights = np.array(weighted.numbers("weights", n, [0.0] * n), dtype=np.float64)
+        weights = np.array(weighted.numbers("weights", n, (0.0,) * n), dtype=np.float64)
         binding: Binding | None = None
         joints: tuple[int, ...] = ()
         if node.skin is not None:

@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
 from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
 from meshmark_plugins.readers.gltf.container import Container, copied
 from meshmark_plugins.readers.gltf.meshopt import compressed
-
-BUFFERS, VIEWS = "buffers", "bufferViews"
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Where rows of numbers stand.
-
-    Parameters
-    ----------
-    within : (str, int)
-        A buffer; or a view, once it is decompressed.
-    begin, stride : int
-        In bytes.
-    count, width : int
-        Rows, and numbers in each.
-    dtype : np.dtype
-    """
-
-    within: tuple[str, int]
-    begin: int
-    stride: int
-    count: int
-    width: int
-    dtype: np.dtype[Any]
-
-    @property
-    def end(self) -> int:
-        """Where they end."""
-        return self.begin + (self.count - 1) * self.stride + self.width * self.dtype.itemsize
-
-    def of(self, data: bytearray) -> NDArray[Any]:
-        """Return them as a view of the bytes they are within, (count, width)."""
-        strides = (self.stride, self.dtype.itemsize)
-        return np.ndarray((self.count, self.width), self.dtype, data, self.begin, strides)
+from meshmark_plugins.readers.gltf.rows import BUFFERS, VIEWS, Rows
 
 
 class Draft:

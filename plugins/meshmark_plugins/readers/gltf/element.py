@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NoReturn, overload
 
 from meshmark.errors import InputError
 from meshmark.mesh.checks import FARTHEST
@@ -16,7 +15,6 @@ FARTHEST_NUMBER = float(FARTHEST)
 MOST_SHOWN = 40
 
 
-@dataclass(frozen=True, slots=True)
 class Element:
     """An object of a JSON document.
 
@@ -24,8 +22,12 @@ class Element:
     ----------
     members : mapping
         Its members, of any type.
-    place : str
-        Where it is, such as `nodes[3]`; empty for the document itself.
+    parent : Element, optional
+        The object that it is a member of; none for the document itself.
+    step : str
+        Which member of that it is.
+    number : int, optional
+        Which element of that member, if it is a list.
 
     Raises
     ------
@@ -33,8 +35,25 @@ class Element:
         From every method, if a member is missing, of another type or out of range.
     """
 
-    members: Mapping[str, Any]
-    place: str = ""
+    __slots__ = ("_number", "_parent", "_step", "members")
+
+    def __init__(
+        self,
+        members: Mapping[str, Any],
+        parent: Element | None = None,
+        step: str = "",
+        number: int | None = None,
+    ) -> None:
+        self.members = members
+        self._parent, self._step, self._number = parent, step, number
+
+    @property
+    def place(self) -> str:
+        """Where it is, such as `nodes[3]`; empty for the document itself."""
+        # Spelled only when something is wrong: documents have thousands of objects.
+        before = "" if self._parent is None else self._parent.place
+        name = f"{before}.{self._step}" if before else self._step
+        return name if self._number is None else f"{name}[{self._number}]"
 
     def __contains__(self, name: str) -> bool:
         return name in self.members
@@ -56,7 +75,10 @@ class Element:
 
     def index(self, name: str, things: Sequence[object]) -> int:
         """Return the index of one of some things."""
-        return _index(self._member(name, None), len(things), self._place(name))
+        value = self._member(name, None)
+        if type(value) is int and 0 <= value < len(things):
+            return value
+        raise _no_index(value, len(things), self._place(name))
 
     def optional_index(self, name: str, things: Sequence[object]) -> int | None:
         """Return the index of one of some things, None if there is no such member."""
@@ -64,14 +86,19 @@ class Element:
 
     def indices(self, name: str, things: Sequence[object]) -> tuple[int, ...]:
         """Return indices of some things; none if there is no such member."""
-        place = self._place(name)
-        return tuple(
-            _index(value, len(things), f"{place}[{i}]") for i, value in enumerate(self._list(name))
-        )
+        if name not in self.members:
+            return ()
+        found, n = self._list(name), len(things)
+        for i, value in enumerate(found):
+            if type(value) is not int or not 0 <= value < n:
+                raise _no_index(value, n, f"{self._place(name)}[{i}]")
+        return tuple(found)
 
-    def numbers(self, name: str, n: int, default: Sequence[float]) -> tuple[float, ...]:
+    def numbers(self, name: str, n: int, default: tuple[float, ...]) -> tuple[float, ...]:
         """Return a list of `n` finite numbers."""
-        values = self._list(name) if name in self.members else default
+        if name not in self.members:
+            return default
+        values = self._list(name)
         if len(values) != n:
             self.fail(name, f"has {len(values)} numbers, not {n}")
         for value in values:
@@ -102,15 +129,19 @@ class Element:
 
     def object(self, name: str) -> Element:
         """Return an object; an empty one if there is no such member."""
-        return _element(self._member(name, {}), self._place(name))
+        value = self._member(name, {})
+        if type(value) is not dict:
+            self.fail(name, f"is {_shown(value)}, not an object")
+        return Element(value, self, name)
 
-    def objects(self, name: str) -> tuple[Element, ...]:
-        """Return a list of objects; none if there is no such member."""
-        place = self._place(name)
-        return tuple(_element(value, f"{place}[{i}]") for i, value in enumerate(self._list(name)))
+    def objects(self, name: str) -> Sequence[Element]:
+        """Return a list of objects, looked at when they are asked for; none if it is missing."""
+        return Elements(self._list(name), self, name) if name in self.members else ()
 
     def extension(self, *names: str) -> Element | None:
         """Return the first of some extensions that the object has; None if it has none."""
+        if "extensions" not in self.members:
+            return None
         extensions = self.object("extensions")
         return next((extensions.object(name) for name in names if name in extensions), None)
 
@@ -130,18 +161,44 @@ class Element:
         return f"{self.place}.{name}" if self.place else name
 
 
-def _element(value: object, place: str) -> Element:
-    if not isinstance(value, dict):
-        raise InputError(f"{place} is {_shown(value)}, not an object")
-    return Element(value, place)
+class Elements(Sequence[Element]):
+    """A list of objects of a JSON document; each is looked at when it is asked for.
+
+    Parameters
+    ----------
+    values : list
+    parent : Element
+        The object that the list is a member of.
+    step : str
+        Which member.
+    """
+
+    def __init__(self, values: list[Any], parent: Element, step: str) -> None:
+        self._values, self._parent, self._step = values, parent, step
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    @overload
+    def __getitem__(self, index: int) -> Element: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Element]: ...
+
+    def __getitem__(self, index: int | slice) -> Element | Sequence[Element]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        value = self._values[index]
+        found = Element(value, self._parent, self._step, index)
+        if type(value) is not dict:
+            raise InputError(f"{found.place} is {_shown(value)}, not an object")
+        return found
 
 
-def _index(value: object, n: int, place: str) -> int:
+def _no_index(value: object, n: int, place: str) -> InputError:
     if type(value) is not int:
-        raise InputError(f"{place} is {_shown(value)}, not an integer")
-    if not 0 <= value < n:
-        raise InputError(f"{place} is {_shown(value)}, but there are {n}")
-    return value
+        return InputError(f"{place} is {_shown(value)}, not an integer")
+    return InputError(f"{place} is {_shown(value)}, but there are {n}")
 
 
 def _shown(value: object) -> str:

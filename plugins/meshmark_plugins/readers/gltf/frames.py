@@ -62,7 +62,9 @@ class GltfFrames:
 
     def derivative(self, index: int) -> FloatArray:
         """Return how points of frame `index` follow those at rest: (N, 3, 3), or (1, 3, 3)."""
-        worlds = self.rig.worlds(self.timeline.seconds(index))
+        # The frame itself was measurable.
+        with np.errstate(over="ignore", invalid="ignore"):
+            worlds = self.rig.worlds(self.timeline.seconds(index))
         if self.binding is not None:
             return self.binding.blended(worlds)[:, :, :3]
         return worlds[:1, :3, :3]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,10 +16,10 @@ from meshmark_plugins.readers.gltf.element import Element
 # Far more than rigs have; paths of prims are spelled out of all names above.
 DEEPEST = 1000
 LONGEST_NAME = 80
+NOT_ALLOWED = re.compile(r"\W")
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """A node at rest.
 
     Parameters
@@ -140,9 +141,9 @@ def _node(
         place=node.place,
         name=_valid(name) or f"node{index}",
         children=node.indices("children", nodes),
-        translation=node.numbers("translation", 3, (0, 0, 0)),
-        rotation=node.numbers("rotation", 4, (0, 0, 0, 1)),
-        scale=node.numbers("scale", 3, (1, 1, 1)),
+        translation=node.numbers("translation", 3, (0.0, 0.0, 0.0)),
+        rotation=node.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
+        scale=node.numbers("scale", 3, (1.0, 1.0, 1.0)),
         matrix=node.numbers("matrix", 16, ()) if "matrix" in node else None,
         mesh=mesh,
         skin=node.optional_index("skin", skins),
@@ -151,7 +152,7 @@ def _node(
 
 def _valid(name: str) -> str:
     """Turn a name into one that is valid as part of a path of prims."""
-    name = re.sub(r"\W", "_", name[:LONGEST_NAME])
+    name = NOT_ALLOWED.sub("_", name[:LONGEST_NAME])
     return f"_{name}" if name[:1].isdigit() else name
 
 
@@ -171,13 +172,17 @@ def _in_order(nodes: Sequence[Node], parents: Sequence[int]) -> tuple[int, ...]:
     return tuple(order)
 
 
-def rest_parts(node: Node) -> tuple[FloatArray, FloatArray, FloatArray]:
+def rest_parts(
+    node: Node,
+) -> tuple[
+    Sequence[float] | FloatArray, Sequence[float] | FloatArray, Sequence[float] | FloatArray
+]:
     """Return translation (3,), rotation (4,) and scale (3,) of a node at rest.
 
     A matrix is taken apart, as far as three parts can say what it says: without shear.
     """
     if node.matrix is None:
-        return np.array(node.translation), np.array(node.rotation), np.array(node.scale)
+        return node.translation, node.rotation, node.scale
     matrix = np.array(node.matrix).reshape(4, 4).T
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     if np.linalg.det(matrix[:3, :3]) < 0:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -12,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
-from meshmark.errors import UsageError
+from meshmark.errors import InputError, UsageError
 from meshmark.mesh.precision import stored
-from meshmark_plugins.readers.gltf.accessors import Accessors, stored_type
+from meshmark_plugins.readers.gltf.accessors import Accessors
 from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
 from meshmark_plugins.readers.gltf.container import Container
 from meshmark_plugins.readers.gltf.draco import EXTENSION as DRACO
-from meshmark_plugins.readers.gltf.draft import BUFFERS, VIEWS, Draft, Rows
+from meshmark_plugins.readers.gltf.draft import Draft
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.geometry import POSITION
 from meshmark_plugins.readers.gltf.meshopt import writable
+from meshmark_plugins.readers.gltf.rows import BUFFERS, VIEWS, Rows
 
 AXES = 3
 PLAIN = "--uncompress writes it plain, and "
@@ -89,6 +89,11 @@ def find_places(container: Container, folder: Path) -> dict[int, Place]:
     finder = _Finder(root, buffers, Accessors(root, buffers))
     for index in range(len(root.objects(BUFFERS))):
         buffers.data(index)
+    for view in buffers.views:
+        _require_slice(view)
+        packed = view.extension(*MESHOPT)
+        if packed is not None:
+            _require_slice(packed)
     used: dict[int, None] = {}
     for mesh in root.objects("meshes"):
         for primitive in mesh.objects("primitives"):
@@ -96,7 +101,7 @@ def find_places(container: Container, folder: Path) -> dict[int, Place]:
                 _refuse(primitive.place, "is compressed by Draco, which is only read")
             used[_index(primitive, root)] = None
     places = {index: finder.place(index) for index in used}
-    _require_apart(places)
+    finder.require_apart(places)
     return places
 
 
@@ -108,53 +113,73 @@ class _Finder:
 
     def place(self, index: int) -> Place:
         accessor = self.accessors.elements[index]
-        dtype = stored_type(accessor)
         count = accessor.integer("count", low=1)
         dense = listed = None
         indices = np.zeros(0, dtype=np.int64)
+        rows = [self._within(each) for each in self.accessors.rows(index)]
+        for each in rows:
+            packed = self._packed(each)
+            if packed is not None and not writable(packed):
+                _refuse(packed.place, "is not of attributes, as positions are")
         if "bufferView" in accessor:
-            dense = self._rows(accessor, dtype, count)
+            dense = rows[0]
         if "sparse" in accessor:
-            sparse = accessor.object("sparse")
             indices = self.accessors.listed(index)
-            listed = self._rows(sparse.object("values"), dtype, len(indices))
+            listed = rows[-1]
         if dense is None and len(np.unique(indices)) < count:
             _refuse(accessor.place, "is sparse, and what it does not list is 0 and cannot move")
         return Place(index, accessor.flag("normalized"), dense, listed, indices)
 
-    def _rows(self, holder: Element, dtype: np.dtype[Any], count: int) -> Rows:
-        number = holder.index("bufferView", self.buffers.views)
-        view, size = self.buffers.views[number], AXES * dtype.itemsize
-        begin = holder.integer("byteOffset", default=0)
-        stride = self.buffers.stride(number) or size
-        within = (VIEWS, number)
-        packed = view.extension(*MESHOPT)
-        if packed is not None and not writable(packed):
-            _refuse(view.place, "is not compressed as positions are")
-        if packed is None:
-            within = (BUFFERS, view.integer("buffer"))
-            begin += view.integer("byteOffset", default=0)
-        self.buffers.view(number)
-        return Rows(within, begin, stride, count, AXES, dtype)
+    def require_apart(self, places: dict[int, Place]) -> None:
+        """Refuse positions that are in the same bytes as others, or as anything else."""
+        taken: dict[tuple[str, int], NDArray[np.uint8]] = {}
+        for index, place in places.items():
+            for rows in filter(None, (place.dense, place.listed)):
+                if rows.within not in taken:
+                    taken[rows.within] = np.zeros(self._size(rows), dtype=np.uint8)
+                self._require_free(index, rows, taken)
+                rows.bytes.of(taken[rows.within].data)[:] = 1
+        for index in range(len(self.accessors.elements)):
+            # What is malformed is not read, and may be anything.
+            with suppress(InputError):
+                for rows in map(self._within, self.accessors.rows(index)):
+                    if index not in places and rows.within in taken:
+                        self._require_free(index, rows, taken)
+
+    def _require_free(
+        self, index: int, rows: Rows, taken: dict[tuple[str, int], NDArray[np.uint8]]
+    ) -> None:
+        if rows.bytes.of(taken[rows.within].data).any():
+            _refuse(self.accessors.elements[index].place, "shares data with positions", "")
+
+    def _size(self, rows: Rows) -> int:
+        kind, number = rows.within
+        data = self.buffers.view(number) if kind == VIEWS else self.buffers.data(number)
+        return len(data or b"")
+
+    def _packed(self, rows: Rows) -> Element | None:
+        """Return how the view of rows is compressed; None if it is not."""
+        kind, number = rows.within
+        return self.buffers.views[number].extension(*MESHOPT) if kind == VIEWS else None
+
+    def _within(self, rows: Rows) -> Rows:
+        """Return rows of a view as rows of its buffer, if it is not compressed."""
+        if self._packed(rows) is not None:
+            return rows
+        view = self.buffers.views[rows.within[1]]
+        begin = rows.begin + view.integer("byteOffset", default=0)
+        return replace(rows, within=(BUFFERS, view.integer("buffer")), begin=begin)
+
+
+def _require_slice(holder: Element) -> None:
+    """Refuse what does not say which bytes it is; it may have to move."""
+    for name in ("buffer", "byteLength"):
+        holder.integer(name)
+    holder.integer("byteOffset", default=0)
 
 
 def _index(primitive: Element, root: Element) -> int:
     return primitive.object("attributes").index(POSITION, root.objects("accessors"))
-
-
-def _require_apart(places: dict[int, Place]) -> None:
-    """Refuse positions that are in the same bytes as others."""
-    by_begin = sorted(_parts(places), key=lambda part: (part[1].within, part[1].begin))
-    for (one, before), (two, after) in pairwise(by_begin):
-        if after.within == before.within and after.begin < before.end:
-            _refuse(f"accessors[{two}]", f"shares data with accessors[{one}]", "")
-
-
-def _parts(places: dict[int, Place]) -> Iterator[tuple[int, Rows]]:
-    for index, place in places.items():
-        for rows in (place.dense, place.listed):
-            if rows is not None:
-                yield index, rows
 
 
 def _moved(points: NDArray[Any], move: FloatArray, normalized: bool, output: Path) -> NDArray[Any]:

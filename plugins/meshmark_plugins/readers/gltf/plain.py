@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
-from meshmark_plugins.readers.gltf.accessors import WIDTHS, Accessors, stored_type
+from meshmark_plugins.readers.gltf.accessors import Accessors, stored_type
 from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
 from meshmark_plugins.readers.gltf.container import Container, copied
 from meshmark_plugins.readers.gltf.draco import EXTENSION as DRACO
-from meshmark_plugins.readers.gltf.draco import DracoMesh, draco_mesh, not_installed
-from meshmark_plugins.readers.gltf.draft import Rows
+from meshmark_plugins.readers.gltf.draco import draco_mesh, not_installed
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.geometry import POSITION, TRIANGLES
 
@@ -79,15 +79,24 @@ class _Plain:
             if name not in attributes:
                 continue
             index = attributes.index(name, self._accessors.elements)
-            if self._decoded.setdefault(index, repr(extension.members)) != repr(extension.members):
-                raise UsageError(f"accessors[{index}] is shared by compressed primitives")
+            self._claim(index, extension)
             values = self._accessors.values(index, stored=stored)
             odd = self._odd(index, name)
             kind = np.dtype("<f4") if odd else stored_type(self._accessors.elements[index])
             if odd:
                 values = self._accessors.numbers(index, values.shape[1], stored=stored)
             self._put(index, values.astype(kind))
-        self._put_faces(_twin(self.root, primitive), found)
+        faces = primitive.optional_index("indices", self._accessors.elements)
+        twin = _twin(self.root, primitive)
+        if faces is None:
+            faces = twin["indices"] = len(self.root["accessors"])
+            self.root["accessors"].append({})
+        else:
+            self._claim(faces, extension)
+        twin["mode"] = TRIANGLES
+        _without(twin, DRACO)
+        self.root["accessors"][faces] |= {"type": "SCALAR", "componentType": UNSIGNED}
+        self._put(faces, found.faces.reshape(-1, 1).astype("<u4"))
 
     def unquantise(self, primitive: Element) -> None:
         """Put the vertices of a primitive, and of its morph targets, into accessors of floats."""
@@ -106,12 +115,12 @@ class _Plain:
 
     def finished(self) -> tuple[dict[str, Any], bytes]:
         """Return the document, and the buffer of all that it uses."""
+        self._clear()
         for kind in ("extensionsUsed", "extensionsRequired"):
             gone = (*MESHOPT, DRACO, QUANTIZATION)
-            left = [name for name in self.root.get(kind, ()) if name not in gone]
-            self.root |= {kind: left}
-            if not left:
-                del self.root[kind]
+            named = self.root.pop(kind, ())
+            left = [name for name in named if name not in gone] if type(named) is list else []
+            self.root |= {kind: left} if left else {}
         holders = list(_holders(self.root, len(self._data)))
         used = sorted({holder["bufferView"] for holder in holders})
         number = {old: new for new, old in enumerate(used)}
@@ -136,21 +145,15 @@ class _Plain:
             return False
         return not (accessor.flag("normalized") and kind.str[1:] in NORMALIZED)
 
-    def _put_faces(self, primitive: dict[str, Any], found: DracoMesh) -> None:
-        corners = found.faces.reshape(-1, 1)
-        if "indices" not in primitive:
-            primitive["indices"] = len(self.root["accessors"])
-            self.root["accessors"].append({"type": "SCALAR"})
-        primitive["mode"] = TRIANGLES
-        accessor = self.root["accessors"][primitive["indices"]]
-        accessor |= {"componentType": UNSIGNED}
-        self._put(primitive["indices"], corners.astype("<u4"))
-        _without(primitive, DRACO)
+    def _claim(self, index: int, extension: Element) -> None:
+        """Refuse an accessor that is to hold what is compressed in another place, too."""
+        whose = repr(extension.members)
+        if self._decoded.setdefault(index, whose) != whose:
+            raise UsageError(f"accessors[{index}] is shared by compressed primitives")
 
     def _put(self, index: int, values: NDArray[Any]) -> None:
         """Give an accessor a view of its own, and leave nothing of what it had."""
         accessor = self.root["accessors"][index]
-        self._clear(index)
         accessor |= {"bufferView": len(self._data), "count": len(values)}
         for name in ("byteOffset", "sparse", "min", "max"):
             accessor.pop(name, None)
@@ -172,26 +175,19 @@ class _Plain:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._converted.add(index)
 
-    def _clear(self, index: int) -> None:
-        """Remove the numbers of an accessor from the view they are in."""
-        if index >= len(self._accessors.elements):
-            return
-        accessor = self._accessors.elements[index]
-        sparse = accessor.object("sparse").object("values")
-        for holder in (accessor, sparse):
-            if "bufferView" in holder:
-                view = holder.index("bufferView", self._buffers.views)
-                self._rows(accessor, holder, view).of(self._data[view])[:] = 0
-
-    def _rows(self, accessor: Element, holder: Element, view: int) -> Rows:
-        dtype, width = stored_type(accessor), WIDTHS[accessor.text("type")]
-        count = (accessor if holder is accessor else accessor.object("sparse")).integer("count")
-        stride = self._buffers.stride(view) or width * dtype.itemsize
-        begin = holder.integer("byteOffset", default=0)
-        rows = Rows(("bufferViews", view), begin, stride, count, width, dtype)
-        if rows.end > len(self._data[view]):
-            raise InputError(f"{holder.place}: ends at byte {rows.end} of {len(self._data[view])}")
-        return rows
+    def _clear(self) -> None:
+        """Remove from their former views the numbers of accessors that have views of their own."""
+        for index in range(len(self._accessors.elements)):
+            if index in self._converted:
+                for rows in self._accessors.rows(index):
+                    rows.of(self._data[rows.within[1]])[:] = 0
+        # What others use stays.
+        for index in range(len(self._accessors.elements)):
+            with suppress(InputError):
+                if index not in self._converted:
+                    for rows in self._accessors.rows(index):
+                        number = rows.within[1]
+                        rows.of(self._data[number])[:] = rows.of(self._buffers.view(number))
 
 
 def _twin(root: Mapping[str, Any], primitive: Element) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,9 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark_plugins.readers.gltf.clips import WEIGHTS, WIDTHS, Clip, Track
 from meshmark_plugins.readers.gltf.nodes import Hierarchy, rest_parts
+
+# Translation, rotation and scale of nodes: (R, 3), (R, 4), (R, 3).
+Parts = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,29 +23,30 @@ class Rig:
     ----------
     parents : tuple of int
         Of each of its nodes, by their numbers in the rig, parents first; -1 for roots.
-    locals : (R, 4, 4) float64
-        Where each stands in its parent's space, at rest.
-    moving : tuple of (int, parts, tracks)
-        Nodes that a clip moves, their translation, rotation and scale at rest, and their tracks.
+    rest : tuple of arrays
+        Translation (R, 3), rotation (R, 4) and scale (R, 3) of each in its parent's space.
+    fixed : mapping of int to (4, 4) float64
+        Matrices of nodes that have one, and that no clip moves.
+    tracks : tuple of (int, int, Track)
+        How a clip moves them: the part, the node, and its values over time.
     places : tuple of int
         Of the nodes that were asked for.
     """
 
     parents: tuple[int, ...]
-    locals: FloatArray
-    moving: tuple[tuple[int, tuple[FloatArray, ...], tuple[Track | None, ...]], ...]
+    rest: Parts
+    fixed: Mapping[int, FloatArray]
+    tracks: tuple[tuple[int, int, Track], ...]
     places: tuple[int, ...]
 
     def worlds(self, time: float) -> FloatArray:
         """Return where the nodes asked for stand at a time in seconds, (n, 4, 4) float64."""
-        worlds = self.locals.copy()
-        for node, rest, tracks in self.moving:
-            worlds[node] = local_matrix(
-                *(
-                    part if track is None else track.at(time)
-                    for part, track in zip(rest, tracks, strict=True)
-                )
-            )
+        translation, rotation, scale = parts = tuple(part.copy() for part in self.rest)
+        for part, node, track in self.tracks:
+            parts[part][node] = track.at(time)
+        worlds = local_matrices(translation, rotation, scale)
+        for node, matrix in self.fixed.items():
+            worlds[node] = matrix
         for node, parent in enumerate(self.parents):
             if parent >= 0:
                 worlds[node] = worlds[parent] @ worlds[node]
@@ -55,14 +59,24 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     place = {node: i for i, node in enumerate(needed)}
     tracks = {} if clip is None else clip.tracks
     moving = [
-        (place[node], rest_parts(hierarchy.nodes[node]), found)
+        (part, place[node], tracks[node, path])
         for node in needed
-        if any(found := tuple(tracks.get((node, path)) for path in WIDTHS))
+        for part, path in enumerate(WIDTHS)
+        if (node, path) in tracks
     ]
+    moved = {node for _, node, _ in moving}
+    nodes = [hierarchy.nodes[node] for node in needed]
+    parts = [rest_parts(node) for node in nodes]
+    translation, rotation, scale = (np.array(part) for part in zip(*parts, strict=True))
     return Rig(
         parents=tuple(place.get(hierarchy.parents[node], -1) for node in needed),
-        locals=np.array([_rest_matrix(hierarchy, node) for node in needed]),
-        moving=tuple(moving),
+        rest=(translation, rotation, scale),
+        fixed={
+            index: np.array(node.matrix).reshape(4, 4).T
+            for index, node in enumerate(nodes)
+            if node.matrix is not None and index not in moved
+        },
+        tracks=tuple(moving),
         places=tuple(place[node] for node in wanted),
     )
 
@@ -72,32 +86,26 @@ def weights_track(clip: Clip | None, node: int) -> Track | None:
     return None if clip is None else clip.tracks.get((node, WEIGHTS))
 
 
-def local_matrix(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the matrix (4, 4) that scales, then rotates, then moves.
+def local_matrices(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return the matrices (R, 4, 4) that scale, then rotate, then move.
 
     A quaternion (x, y, z, w) of any length but 0 stands for its rotation; 0 for none.
     """
-    matrix = np.eye(4)
-    matrix[:3, :3] = _rotation(rotation) * scale
-    matrix[:3, 3] = translation
-    return matrix
-
-
-def _rest_matrix(hierarchy: Hierarchy, node: int) -> FloatArray:
-    matrix = hierarchy.nodes[node].matrix
-    if matrix is not None:
-        return np.array(matrix).reshape(4, 4).T
-    return local_matrix(*rest_parts(hierarchy.nodes[node]))
-
-
-def _rotation(quaternion: FloatArray) -> FloatArray:
-    x, y, z, w = quaternion.tolist()
-    square = x * x + y * y + z * z + w * w
-    s = 2.0 / square if square else 0.0
-    return np.array(
-        [
-            [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-            [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
-            [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
-        ]
-    )
+    square = np.einsum("ij,ij->i", rotation, rotation)
+    s = np.divide(2.0, square, out=np.zeros_like(square), where=square != 0)
+    # Products of two components: xx, xy and so on.
+    x, y, z, w = rotation.T
+    sx, sy, sz = s * x, s * y, s * z
+    xx, yy, zz = sx * x, sy * y, sz * z
+    xy, xz, yz = sx * y, sx * z, sy * z
+    wx, wy, wz = sx * w, sy * w, sz * w
+    matrices = np.zeros((len(rotation), 4, 4))
+    matrices[:, 3, 3] = 1.0
+    turn = matrices[:, :3, :3]
+    turn[:, 0, 0], turn[:, 1, 1], turn[:, 2, 2] = 1 - (yy + zz), 1 - (xx + zz), 1 - (xx + yy)
+    turn[:, 0, 1], turn[:, 1, 0] = xy - wz, xy + wz
+    turn[:, 0, 2], turn[:, 2, 0] = xz + wy, xz - wy
+    turn[:, 1, 2], turn[:, 2, 1] = yz - wx, yz + wx
+    turn *= scale[:, None, :]
+    matrices[:, :3, 3] = translation
+    return matrices

@@ -17,6 +17,7 @@ from meshmark_plugins.readers.gltf.container import (
     TEXT_SUFFIX,
     Container,
     read_container,
+    spelled,
 )
 from meshmark_plugins.readers.gltf.document import Document, PlacedMesh
 from meshmark_plugins.readers.gltf.frames import GltfFrames
@@ -123,6 +124,9 @@ class GltfReader:
             container = self._to_write(path)
             find_places(container, path.parent)
             require_fine(container, path.parent)
+            # What else is written again must be sound, too.
+            files_named(container.root, path.parent)
+            spelled(container.root.members)
         require_apart(files_beside(output, container.root), self.files_in_reach(source))
 
     def write(self, marked: Asset, original: Asset, output: Path) -> None:
@@ -207,7 +211,7 @@ def _animation(
     mesh: PlacedMesh, rig: Rig, track: Track | None, timeline: Timeline | None, source: str
 ) -> MeshAnimation:
     """Return a mesh over time; at no time if nothing of it changes."""
-    moves = timeline is not None and (track is not None or rig.moving)
+    moves = timeline is not None and (track is not None or rig.tracks)
     timeline = timeline if timeline is not None and moves else STILL
     frames = GltfFrames(
         geometry=mesh.geometry,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,25 +36,40 @@ class Binding:
 
     Parameters
     ----------
-    joints : (N, W) int
-        Of each vertex, by their numbers in the skin; the number of joints stands for the node of
-        the mesh itself, which carries vertices that no joint does.
-    weights : (N, W) float64
-        Of sum 1.
+    vertices : Vertices
+        With joints, by their numbers in the skin, and weights of any sum.
     inverse_bind : (J + 1, 4, 4) float64
-        That of the skin, and the identity for the node.
+        That of the skin; and the identity for the node of the mesh itself, which carries vertices
+        that no joint does.
     """
 
-    joints: IntArray
-    weights: FloatArray
+    vertices: Vertices
     inverse_bind: FloatArray
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Return the weights of the joints, and then of the node, (N, W + 1) of sum 1."""
+        weights = self.vertices.weights.astype(np.float64)
+        total = weights.sum(axis=1)
+        still = np.abs(total) < np.finfo(np.float32).tiny
+        weights /= np.where(still, 1.0, total)[:, None]
+        weights[still] = 0.0
+        return np.column_stack([weights, still.astype(np.float64)])
+
+    @cached_property
+    def joints(self) -> IntArray:
+        """Return the numbers of the joints, and then of the node, (N, W + 1)."""
+        joints = np.where(self.vertices.weights != 0, self.vertices.joints, 0)
+        node = np.full((len(joints), 1), len(self.inverse_bind) - 1)
+        return np.hstack([joints.astype(np.int64), node])
 
     def blended(self, worlds: FloatArray) -> FloatArray:
         """Return the matrix of each vertex, (N, 3, 4); see `skinned`."""
         moves = (worlds @ self.inverse_bind)[:, :3]
         blended = np.zeros((len(self.joints), 3, 4))
         for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
-            blended += weights[:, None, None] * moves[joints]
+            if weights.any():
+                blended += weights[:, None, None] * moves[joints]
         return blended
 
     def skinned(self, points: FloatArray, worlds: FloatArray) -> FloatArray:
@@ -105,21 +121,13 @@ def bind(vertices: Vertices, skin: Skin) -> Binding:
     InputError
         If a vertex names a joint that the skin does not have.
     """
-    joints, weights = vertices.joints.astype(np.int64), vertices.weights.astype(np.float64)
     n = len(skin.joints)
-    # What has no weight may name anything.
-    joints[weights == 0] = 0
+    joints = vertices.joints
     if joints.size and joints.max() >= n:
-        row = int(np.argmax((joints >= n).any(axis=1)))
-        message = f"vertex {row} follows joint {joints.max()} of a skin of {n} joints"
-        raise InputError(message)
-    total = weights.sum(axis=1)
-    still = np.abs(total) < np.finfo(np.float32).tiny
-    weights = np.where(still[:, None], 0.0, weights / np.where(still, 1.0, total)[:, None])
-    used = weights.any(axis=0)
-    inverse_bind = np.concatenate([skin.inverse_bind, np.eye(4)[None]])
-    return Binding(
-        np.column_stack([joints[:, used], np.full(len(joints), n)]),
-        np.column_stack([weights[:, used], still.astype(np.float64)]),
-        inverse_bind,
-    )
+        # What has no weight may name anything.
+        wrong = (joints >= n) & (vertices.weights != 0)
+        if wrong.any():
+            row = int(np.argmax(wrong.any(axis=1)))
+            named = joints[wrong].max()
+            raise InputError(f"vertex {row} follows joint {named} of a skin of {n} joints")
+    return Binding(vertices, np.concatenate([skin.inverse_bind, np.eye(4)[None]]))

@@ -64,7 +64,9 @@ def densest_rate(key_times: Iterable[FloatArray]) -> float:
         Of each sampler, in seconds. Its spacing is the median one, so that two keys close
         together, as of a sudden change, do not count.
     """
-    rates = [_rate(times) for times in key_times]
+    # Most samplers have the same keys.
+    different = {times.tobytes(): times for times in key_times}
+    rates = [_rate(times) for times in different.values()]
     densest = max((rate for rate in rates if rate), default=USUAL)
     return densest * math.ceil(SLOWEST / densest - EVEN)
 
