@@ -27,6 +27,7 @@ from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.stamp import NO_STAMPS, Stamps
 from meshmark.usd.stamping import remove_stamps
 from meshmark.usd.traces import Moved, Traces, replace_traces
+from meshmark.usd.velocities import author_velocities
 from meshmark.usd.writing import author_marked, require_prim
 
 
@@ -174,6 +175,7 @@ def _author(
     # A reference pose gets the marked points themselves, once those of all meshes are known.
     for spec, own, frames in authored if primvars == FOLLOW else ():
         author_followed(target, spec, own, frames, posed=skel == BAKE, is_copy=traces.has_copy)
+        author_velocities(target, spec, own, frames)
     return traces
 
 

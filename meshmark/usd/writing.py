@@ -27,6 +27,7 @@ from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.stamp import NO_STAMPS, Stamp, Stamps
 from meshmark.usd.stamping import write_stamp
 from meshmark.usd.variant_places import Place, find_places, over
+from meshmark.usd.velocities import author_velocities
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ def write_override(
             if primvars == FOLLOW:
                 kept = places[mesh.prim].elsewhere
                 author_followed(target, spec, points, frames, posed=skel == BAKE, kept=kept)
+                author_velocities(target, spec, points, frames)
     return Override({prim: place for prim, place in places.items() if place.variants})
 
 

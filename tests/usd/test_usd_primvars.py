@@ -2,108 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Usd, UsdGeom, Vt
 
-from meshmark.mesh.asset import Asset
-from meshmark.mesh.geometry import normalized, vertex_normals
-from meshmark.testing.meshes import icosphere, plane
+from meshmark.embedding.asset import embed
+from meshmark.extension.recipe import Recipe
+from meshmark.keys import Key
+from meshmark.metrics.texture import Texture
+from meshmark.testing.meshes import icosphere
 from meshmark.usd.checking import check_stage
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
+from meshmark.usd.texture_coordinates import TextureCoordinates
 from meshmark.usd.writing import write_override
 from rigged_stages import BENDS, Rigged, rotation, tube
-from usd_stages import read_one
-
-Write = Callable[..., object]
-WRITERS = [write_override, write_flattened]
-T = Sdf.ValueTypeNames
-TIMES = (1.0, 2.0, 4.0)
-V, F = plane(13)
-INNER = np.all((V[:, :2] > 0) & (V[:, :2] < 1), axis=1)
-# At most a seventh of an edge, and none at the border.
-SLIDE = np.column_stack([np.sin(3 * V[:, 1] + 1), np.cos(4 * V[:, 0]), 0 * V[:, 0]]) * 0.012
-SLIDE *= INNER[:, None]
-
-
-def vectors(array: np.ndarray, kind: str = "Vec3f") -> object:
-    dtype = {"h": np.float16, "f": np.float32, "d": np.float64}[kind[-1]]
-    return getattr(Vt, f"{kind}Array").FromNumpy(np.ascontiguousarray(array, dtype=dtype))
-
-
-class Sheet:
-    """A stage with a mesh `/sheet`; by default a square that bulges with time."""
-
-    def __init__(self, path: Path, points: Mapping[float, np.ndarray] | np.ndarray, faces=F):
-        self.stage = Usd.Stage.CreateNew(str(path))
-        self.mesh = UsdGeom.Mesh.Define(self.stage, "/sheet")
-        if isinstance(points, np.ndarray):
-            self.mesh.CreatePointsAttr(vectors(points))
-        else:
-            for time, each in points.items():
-                self.mesh.CreatePointsAttr().Set(vectors(each), time)
-        self.mesh.CreateFaceVertexCountsAttr([3] * len(faces))
-        self.mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
-        self.mesh.CreateSubdivisionSchemeAttr("none")
-
-    def primvar(self, name: str, kind: Sdf.ValueTypeName, interpolation: str, value=None):
-        made = UsdGeom.PrimvarsAPI(self.mesh).CreatePrimvar(name, kind, interpolation)
-        if value is not None:
-            made.Set(value)
-        return made
-
-    def save(self) -> str:
-        self.stage.GetRootLayer().Save()
-        return str(self.stage.GetRootLayer().realPath)
-
-
-def flat(n: int = len(TIMES)) -> dict[float, np.ndarray]:
-    """Show the square, moved on as a whole with time: barycentric coordinates stay."""
-    return {time: V + index * np.eye(3)[2] for index, time in enumerate(TIMES[:n])}
-
-
-def slid(asset: Asset, moves: Callable[[float], np.ndarray]) -> Asset:
-    return replace(
-        asset,
-        meshes=tuple(
-            mesh.map(lambda f: f.moved(f.points + moves(f.time))) for mesh in asset.meshes
-        ),
-    )
-
-
-def written(source: str, write: Write, moves: Callable[[float], np.ndarray], **options: object):
-    original = read_stage(source)
-    # A layer that is open would not be read again.
-    output = Path(source).with_name(f"out-{write.__name__}-{next(NUMBERS)}.usdc")
-    write(original, slid(original, moves), output, **options)
-    return Usd.Stage.Open(str(output))
-
-
-def value(stage: Usd.Stage, name: str, time: float | None = None, prim: str = "/sheet"):
-    attribute = stage.GetPrimAtPath(prim).GetAttribute(name)
-    code = Usd.TimeCode.Default() if time is None else time
-    primvar = UsdGeom.Primvar(attribute)
-    return np.array(primvar.ComputeFlattened(code) if primvar else attribute.Get(code))
-
-
-def growing(time: float) -> np.ndarray:
-    return SLIDE * (time - 1)
-
-
-NUMBERS = count()
-RNG = np.random.default_rng(0)
-PAIRS = RNG.random((len(V), 2))
-
-
-def elements(interpolation: str) -> np.ndarray:
-    """Return the vertex of each element of the square."""
-    return F.ravel() if interpolation == "faceVarying" else np.arange(len(V))
+from usd_sheets import (
+    INNER,
+    PAIRS,
+    RNG,
+    SLIDE,
+    TIMES,
+    WRITERS,
+    F,
+    Sheet,
+    T,
+    V,
+    elements,
+    flat,
+    growing,
+    value,
+    vectors,
+    written,
+)
 
 
 @pytest.mark.parametrize("interpolation", ["vertex", "varying", "faceVarying"])
@@ -389,64 +323,47 @@ def test_keep_writes_points_and_nothing_else(tmp_path: Path) -> None:
             np.testing.assert_array_equal(value(out, "primvars:st", time), np.float32(PAIRS))
 
 
-def bulge(time: float) -> np.ndarray:
-    """Return the square bent into a piece of a sphere, ever more."""
-    P = V - [0.5, 0.5, 0]
-    return np.column_stack([P[:, :2], np.sqrt((6 - time) ** 2 - (P[:, :2] ** 2).sum(axis=1))])
+def drift_of(source: str, output: Path, prim: str) -> tuple[float, float]:
+    """Measure how far textures slide with the coordinates of a source, and with those written."""
+    before, after = read_stage(source, [prim]).meshes[0], read_stage(str(output), [prim]).meshes[0]
+    coordinates = [TextureCoordinates(file, prim) for file in (source, str(output))]
+    kept, followed = Texture(coordinates[0]), Texture(*coordinates)
+    found = []
+    for one, other in zip(before, after, strict=True):
+        frames = (one.points, other.points, one.faces)
+        found.append([each.largest_drift(one.time, *frames) for each in (kept, followed)])
+    keep, follow = np.mean(found, axis=0).tolist()
+    return keep, follow
 
 
-@pytest.mark.parametrize("interpolation", ["vertex", "faceVarying"])
-@pytest.mark.parametrize("name", ["normals", "primvars:normals"])
-def test_normals_of_the_faces_about_a_point_stay_that(
-    tmp_path: Path, interpolation: str, name: str
-) -> None:
-    frames, rows = {time: bulge(time) for time in TIMES}, elements(interpolation)
-    sheet = Sheet(tmp_path / "s.usda", frames)
-    sheet.mesh.SetNormalsInterpolation(interpolation)
-    for time, P in frames.items():
-        normals = vectors(vertex_normals(P, F)[rows])
-        if name == "normals":
-            sheet.mesh.CreateNormalsAttr().Set(normals, time)
-        else:
-            sheet.primvar("normals", T.Normal3fArray, interpolation).Set(normals, time)
-    moves = SLIDE + RNG.normal(0, 2e-3, V.shape)
-    out = written(sheet.save(), write_override, lambda time: time * moves)
-    for time, P in frames.items():
-        expected = vertex_normals(P + time * moves, F)[rows]
-        np.testing.assert_allclose(value(out, name, time), expected, atol=1e-5)
-    assert out.GetPrimAtPath("/sheet").GetAttribute(name).GetTimeSamples() == [*TIMES]
+@pytest.mark.parametrize("write", WRITERS)
+def test_textures_of_a_real_sphere_of_quads_stay(data_folder: Path, tmp_path, write) -> None:
+    source, prim = str(data_folder / "usd" / "points-sphere.usda"), "/pSphere1"
+    original = read_stage(source)
+
+    def turned(frame):
+        # About the middle, a little farther in every frame.
+        angle = 0.3 + 0.02 * frame.time
+        middle = frame.points.mean(axis=0)
+        return frame.moved((frame.points - middle) @ rotation((0, 0, 1), angle) + middle)
+
+    marked = replace(original, meshes=tuple(mesh.map(turned) for mesh in original.meshes))
+    write(original, marked, tmp_path / "o.usdc")
+    keep, follow = drift_of(source, tmp_path / "o.usdc", prim)
+    assert keep > 1
+    assert follow < 0.1 * keep
 
 
-def test_normals_turn_with_the_surface(tmp_path: Path) -> None:
-    sheet = Sheet(tmp_path / "s.usda", V)
-    # Shading normals that lean by themselves go on leaning.
-    lean = normalized(np.tile([0.3, 0.1, 1.0], (len(V), 1)))
-    sheet.mesh.CreateNormalsAttr(vectors(lean))
-    sheet.mesh.SetNormalsInterpolation("vertex")
-    tilt = V @ rotation((0, 1, 0), 4) - V
-    out = written(sheet.save(), write_override, lambda _: tilt)
-    expected = lean @ rotation((0, 1, 0), 4)
-    np.testing.assert_allclose(value(out, "normals"), expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("name", ["normals", "primvars:normals"])
-def test_baked_normals_are_those_of_the_rig_where_nothing_moved(tmp_path: Path, name: str) -> None:
-    rigged = Rigged.at(tmp_path / "a.usda")
-    mesh = rigged.add_tube()
-    out = tube()[0] * [0, 5, 5]
-    made = (
-        mesh.CreateNormalsAttr()
-        if name == "normals"
-        else UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("normals", T.Normal3fArray, "vertex")
-    )
-    made.Set(vectors(out))
-    mesh.SetNormalsInterpolation("vertex")
-    rigged.turn_elbow(BENDS)
-    original = read_stage(rigged.save())
-    write_override(original, original, tmp_path / "o.usda")
-    shown = Usd.Stage.Open(str(tmp_path / "o.usda"))
-    for time, angle in BENDS.items():
-        far = tube()[0][:, 0] > 1.3
-        expected = out[far] @ rotation((0, 0, 1), angle)
-        np.testing.assert_allclose(value(shown, name, time, "/man/arm")[far], expected, atol=1e-5)
-    assert read_one(str(tmp_path / "o.usda")).notes == ()
+@pytest.mark.slow
+@pytest.mark.parametrize("skel", ["bake", "rest"])
+def test_textures_of_a_real_rig_stay(data_folder: Path, tmp_path: Path, skel: str) -> None:
+    source = str(data_folder / "usd" / "CesiumMan.usdz")
+    original = read_stage(source)
+    marked = embed(original, Key(bytes(32)), recipe=Recipe("apex")).asset
+    for write in WRITERS:
+        output = tmp_path / f"{write.__name__}.usdc"
+        write(original, marked, output, skel=skel)
+        keep, follow = drift_of(source, output, original.meshes[0].prim)
+        assert keep > 20
+        assert follow < 0.1 * keep
+    assert check_stage(str(output)) == []
