@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.fit import Fit, better
 from meshmark.alignment.following import FollowFrame
 from meshmark.alignment.original import Original
+from meshmark.alignment.pieces import joined, pieces
 from meshmark.alignment.placement import AssetAlignment, MeshAlignment
 from meshmark.alignment.refinement import Placement
-from meshmark.alignment.search import FEATURES, IDENTITY, PCA, REPOSED, Search
+from meshmark.alignment.search import DIFFERENT, FEATURES, IDENTITY, PCA, REPOSED, Search
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut
@@ -56,10 +60,11 @@ def align(
     Notes
     -----
     Large meshes are looked for first: where they are found, others are looked for first. A mesh
-    of the copy belongs to one mesh of the original.
+    of the copy belongs to one mesh of the original, or, if several were joined, each of its pieces
+    does.
     """
     inside, _ = in_range(copy, frames)
-    work = _Work(list(inside.meshes), frames, n_frames, jobs)
+    work = _Work(inside.meshes, original.meshes, frames, n_frames, jobs)
     found: dict[int, MeshAlignment] = {}
     unplaced: dict[int, LeftOut] = {}
     sizes = [mesh[0].topology.n_points for mesh in original.meshes]
@@ -133,17 +138,27 @@ class _Work:
     """The meshes of a copy that are left, and where meshes of the original were found."""
 
     def __init__(
-        self, free: list[MeshAnimation], frames: str | None, n_frames: int, jobs: int
+        self,
+        meshes: Sequence[MeshAnimation],
+        originals: Sequence[MeshAnimation],
+        frames: str | None,
+        n_frames: int,
+        jobs: int,
     ) -> None:
-        self._free, self._known = free, list[Placement]()
+        self._free, self._known = list(meshes), list[Placement]()
+        self._originals = originals
         self._range, self._n_frames, self._jobs = frames, n_frames, jobs
+        # Where the original is one mesh, what was joined to its copy may stay there.
+        self._all_tried = len(originals) == 1
+        if len(originals) > 1:
+            topologies = [mesh[0].topology for mesh in originals]
+            sizes = [(each.n_points, len(each.triangles)) for each in topologies]
+            self._free = [piece for mesh in meshes for piece in pieces(mesh, sizes)]
 
     def align(self, mesh: MeshAnimation) -> MeshAlignment:
         original = Original(mesh)
         with one_thread():
             found = self._found(original)
-            if found.method not in (IDENTITY, REPOSED):
-                found = self._with_others(found, original)
         aligned = _follow(
             found.meshes,
             original,
@@ -153,7 +168,7 @@ class _Work:
             self._jobs,
         )
         self._free = [each for each in self._free if each not in found.meshes]
-        self._known.append(found.start)
+        self._remember(found, original)
         return aligned
 
     def _found(self, original: Original) -> _Found:
@@ -162,11 +177,11 @@ class _Work:
         for meshes, method in self._candidates(original):
             if method == REPOSED and best is not None:
                 continue
+            if method == PCA and best is None:
+                known = self._where_others_are(original)
+                if known is not None:
+                    return known
             search, frames = Search(meshes, original), self._frames(meshes)
-            if method == PCA and self._known:
-                start = search.known(frames, self._known)
-                if start is not None:
-                    return _Found(meshes, method, start)
             try:
                 _, fit = search.first(frames, (method,))
             except AlignmentError as error:
@@ -178,28 +193,75 @@ class _Work:
                 break
         if best is None:
             raise AlignmentError(reason)
-        return best[0]
+        if best[0].method in (IDENTITY, REPOSED):
+            return best[0]
+        return self._with_others(best[0], original)
 
     def _candidates(self, original: Original) -> Iterator[tuple[tuple[MeshAnimation, ...], str]]:
         """List what of the copy the original may be found in, and how: quick and likely first."""
         free = sorted(self._free, key=lambda each: each.prim != original.animation.prim)
         same = [mesh for mesh in free if mesh[0].topology.n_points == original.n_points]
         yield from (((mesh,), method) for method in (IDENTITY, REPOSED) for mesh in same)
-        alone = [(mesh,) for mesh in free]
-        together = [tuple(free)] if len(free) > 1 else []
-        several = [*alone[:1], *together, *alone[1:]]
+        by_mesh: dict[str, tuple[MeshAnimation, ...]] = {}
+        for piece in free:
+            by_mesh[piece.prim] = (*by_mesh.get(piece.prim, ()), piece)
+        alone = list(by_mesh.values())
+        together = [tuple(free)] if len(alone) > 1 else []
+        apart = [(piece,) for piece in free if len(by_mesh[piece.prim]) > 1]
+        several = [*alone[:1], *together, *alone[1:], *apart]
         yield from ((meshes, PCA) for meshes in several)
         yield from ((meshes, FEATURES) for meshes in several[:MOST_BY_FEATURES])
 
+    def _where_others_are(self, original: Original) -> _Found | None:
+        """Look where other meshes of the original were found, or all of it together is."""
+        self._place_all()
+        for start in self._known:
+            lying = self._lying(start, original)
+            if lying:
+                return _Found(lying, PCA, start)
+        return None
+
+    def _place_all(self) -> None:
+        """Place all of the copy on all of the original, if that was not tried before."""
+        if self._all_tried or self._known or not self._free:
+            return
+        self._all_tried = True
+        whole = joined(self._originals)
+        if whole is None:
+            return
+        search = Search(self._free, Original(whole))
+        try:
+            _, fit = search.first(self._frames(self._free), (IDENTITY, PCA))
+        except MeshmarkError:
+            return
+        self._known.append(fit.placement)
+
+    def _remember(self, found: _Found, original: Original) -> None:
+        """Keep a placement that none before is like."""
+        frame = self._frames(found.meshes)[0]
+        P = CopyFrame.of(found.meshes, frame).points
+        apart = (np.abs(found.start(P) - known(P)).max() for known in self._known)
+        if all(each > DIFFERENT * original.diagonal for each in apart):
+            self._known.append(found.start)
+
     def _with_others(self, found: _Found, original: Original) -> _Found:
         """Add meshes that lie on the original as well, and leave out those that do not."""
-        lying = [mesh for mesh in self._free if self._lies(mesh, found, original)]
-        return _Found(tuple(lying), found.method, found.start) if lying else found
+        if len(found.meshes) == 1:
+            others = self._lying(found.start, original, besides=found.meshes)
+            return _Found((*found.meshes, *others), found.method, found.start)
+        lying = self._lying(found.start, original)
+        return _Found(lying or found.meshes, found.method, found.start)
 
-    def _lies(self, mesh: MeshAnimation, found: _Found, original: Original) -> bool:
-        if found.meshes == (mesh,):
-            return True
-        return Search((mesh,), original).known(self._frames((mesh,)), [found.start]) is not None
+    def _lying(
+        self, start: Placement, original: Original, besides: tuple[MeshAnimation, ...] = ()
+    ) -> tuple[MeshAnimation, ...]:
+        """List the meshes that lie on an original under a placement."""
+        return tuple(
+            mesh
+            for mesh in self._free
+            if mesh not in besides
+            and Search((mesh,), original).known(self._frames((mesh,)), [start]) is not None
+        )
 
     def _frames(self, meshes: Sequence[MeshAnimation]) -> list[int]:
         inside = frames_in(meshes[0], self._range)

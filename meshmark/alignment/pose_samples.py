@@ -55,6 +55,12 @@ class PoseSamples:
         self._apart = float(np.sqrt(face_areas(first.points, first.faces).sum() / POINTS))
         self._far = FAR * surface_box(first.points, first.faces)[0]
 
+    def may_hold(self, X: FloatArray, share: float) -> bool:
+        """Tell whether a share of points (m, 3) lie in the box of all poses, or near to it."""
+        flat = self.points.reshape(-1, 3)
+        low, high = flat.min(axis=0) - self._far, flat.max(axis=0) + self._far
+        return bool(((low < X) & (high > X)).all(axis=1).mean() >= share)
+
     def misfit(self, X: FloatArray, at: int) -> float:
         """Measure how far points X (m, 3) are from pose number `at`, in the mean."""
         return float(self.misfits(X[None], at)[0])

@@ -122,6 +122,8 @@ class Search:
         except MeshmarkError:
             return None
         for start in starts:
+            if not self._original.samples.may_hold(start(frame.points), MOST):
+                continue
             fit = self.near(frame, start)
             X, Y = fit.placement(frame.points), start(frame.points)
             apart = np.linalg.norm(X - Y, axis=1).mean() / self._original.diagonal

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from alignment_shapes import errors, mapped, nodding, placed, shuffled, similarity
 from meshmark.alignment.align import align, align_mesh
+from meshmark.alignment.pieces import joined
 from meshmark.arrays import IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.testing.meshes import bent_tube, plane, side_by_side
+from meshmark.testing.meshes import bent_tube, icosphere, plane, side_by_side
 
 
 def asset(*meshes: MeshAnimation) -> Asset:
@@ -67,6 +70,68 @@ def test_what_is_joined_to_a_copy_does_not_matter() -> None:
     found = align_mesh(MeshAnimation.from_arrays(np.stack(stack), faces), body, [0, 1])
     assert errors(found, A).max() < 1e-6
     assert found.frames[1].pose == 1.0
+
+
+def united(*meshes: MeshAnimation) -> MeshAnimation:
+    """Join meshes that share their times into one."""
+    whole = joined(meshes)
+    assert whole is not None
+    return replace(whole, prim="/joined")
+
+
+def test_meshes_that_were_joined_are_found_each_by_its_own_vertices() -> None:
+    A, other = similarity(2), tube()
+    apart = placed(other, np.column_stack([np.eye(3), [3.0, 0.0, 0.0]]))
+    copy = asset(placed(united(nodding(), apart), A))
+    found = align(copy, asset(apart, nodding()))
+    assert not found.unplaced
+    assert [(each.original.prim, each.method) for each in found.meshes] == [
+        ("/tube", "identity"),
+        ("/body", "identity"),
+    ]
+    assert {mesh.prim for each in found.meshes for mesh in each.copy} == {"/joined"}
+    assert max(errors(each, A).max() for each in found.meshes) < 1e-6
+
+
+def balls() -> list[MeshAnimation]:
+    """Place balls of several sizes where no turn takes them to each other."""
+    V, F = icosphere(2)
+    rng = np.random.default_rng(5)
+    return [
+        MeshAnimation.from_arrays(size * V + rng.uniform(-8, 8, 3), F, prim=f"/ball_{n}")
+        for n, size in enumerate((1.0, 0.8, 1.3, 0.7, 0.9))
+    ]
+
+
+@pytest.mark.slow
+def test_joined_balls_are_found_where_all_of_them_together_lie() -> None:
+    """Each alone would fit turned in any way."""
+    A, original = similarity(3), balls()
+    for copy in (
+        asset(placed(shuffled(united(*original)), A)),
+        asset(*(placed(shuffled(ball), A) for ball in original)),
+    ):
+        found = align(copy, asset(*original))
+        assert not found.unplaced
+        assert [each.original.prim for each in found.meshes] == [ball.prim for ball in original]
+        assert max(errors(each, A).max() for each in found.meshes) < 1e-3
+
+
+@pytest.mark.slow
+def test_halves_of_balls_are_put_together() -> None:
+    A, original = similarity(3), balls()
+    halves = []
+    for ball in original:
+        F = ball[0].faces
+        low = ball[0].points[F].mean(axis=1)[:, 2] < ball[0].points[:, 2].mean()
+        halves += [
+            piece(placed(ball, A), np.flatnonzero(side), f"{ball.prim}_{side[0]}")
+            for side in (low, ~low)
+        ]
+    found = align(asset(*halves), asset(*original))
+    assert not found.unplaced
+    assert all(len(each.copy) == 2 and each.covered > 0.95 for each in found.meshes)
+    assert max(errors(each, A).max() for each in found.meshes) < 1e-3
 
 
 def test_a_mesh_that_the_copy_lacks_is_told() -> None:
