@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -22,6 +23,8 @@ from meshmark.cli.options import (
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 
 CANNOT_HOLD = 1
+# Runs of frames that are printed.
+FEW_RUNS = 8
 
 
 def inspect(
@@ -61,12 +64,15 @@ def _tell(document: dict[str, Any]) -> None:
     for note in document["notes"]:
         typer.echo(f"  note: {note}")
     for prim in document["prims"]:
-        kind = "" if prim["constant_topology"] else ", connectivity changes over time"
+        kind = (
+            f", connectivity changes over time: {len(prim['runs'])} runs" if "runs" in prim else ""
+        )
         typer.echo(
             f"  {prim['prim']}: {_frames(prim)}, {_points(prim)}, {prim['faces']} faces{kind}"
         )
         for note in prim["notes"]:
             typer.echo(f"    note: {note}")
+        _tell_runs(prim.get("runs", []))
         if prim["can_hold"]:
             typer.echo(
                 f"    can hold a mark: {prim['parts']} parts, {prim['carriers']} carriers, "
@@ -91,3 +97,11 @@ def _points(prim: dict[str, Any]) -> str:
     """Say how many points there are, and places, where several points lie in one."""
     apart = prim["places"] < prim["points"]
     return f"{prim['points']} points" + (f" at {prim['places']} places" if apart else "")
+
+
+def _tell_runs(runs: Sequence[dict[str, Any]]) -> None:
+    for run in runs[:FEW_RUNS]:
+        kind = f", cannot hold a mark: {run['reason']}" if run["reason"] else ""
+        typer.echo(f"    frames {run['first']:g}:{run['last']:g}: {run['points']} points{kind}")
+    if len(runs) > FEW_RUNS:
+        typer.echo(f"    and {len(runs) - FEW_RUNS} more; --json lists them")

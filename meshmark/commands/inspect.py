@@ -17,6 +17,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.precision import require_precision
+from meshmark.mesh.runs import cut, runs, span
 from meshmark.mesh.welding import Welding
 from meshmark.statistics.p_values import reachable_log10_p
 
@@ -53,6 +54,8 @@ def inspect_asset(asset: Asset, recipe: Recipe | Sequence[Recipe] | None = None)
 
 
 def _prim(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
+    if not animation.constant_topology:
+        return _changing(animation, layers)
     bad = dict(bad_frames(animation))
     index = next((i for i in range(len(animation)) if i not in bad), next(iter(bad), 0))
     first = animation[index]
@@ -92,10 +95,45 @@ def _reasons(layers: Iterable[dict[str, Any]]) -> str:
     return "; ".join(f"{layer['scheme']}: {layer['reason']}" for layer in layers)
 
 
+def _changing(animation: MeshAnimation, layers: Sequence[Recipe]) -> dict[str, Any]:
+    """Describe a mesh whose connectivity changes by its longest run of frames that holds a mark."""
+    every = [cut(animation, run) for run in runs(animation)]
+    reasons = [why_not(run, layers) for run in every]
+    held = [run for run, reason in zip(every, reasons, strict=True) if reason is None]
+    entry = _prim(max(held or every, key=len), layers)
+    entry["runs"] = [
+        {
+            "first": float(run.times[0]),
+            "last": float(run.times[-1]),
+            "frames": len(run),
+            "points": run[0].topology.n_points,
+            "reason": reason,
+        }
+        for run, reason in zip(every, reasons, strict=True)
+    ]
+    entry |= {
+        "frames": len(animation),
+        "times": _span(animation.times),
+        "constant_topology": False,
+    }
+    unreadable = [each for _, each in bad_frames(animation) if not isinstance(each, NoExtentError)]
+    if unreadable:
+        entry |= _refused(_bad(unreadable))
+    return entry
+
+
 def why_not(
     animation: MeshAnimation, recipe: Recipe | Sequence[Recipe] | None = None
 ) -> str | None:
-    """Say why a mesh can hold no mark of any of some schemes; None if it can hold one."""
+    """Say why a mesh can hold no mark of any of some schemes; None if it can hold one.
+
+    Where its connectivity changes, every run of frames is to hold one.
+    """
+    if not animation.constant_topology:
+        every = [cut(animation, run) for run in runs(animation)]
+        told = ((span(run), why_not(run, recipe)) for run in every)
+        refused = [f"frames {when}: {why}" for when, why in told if why is not None]
+        return f"{len(refused)} of {len(every)} runs, {refused[0]}" if refused else None
     bad = dict(bad_frames(animation))
     try:
         _require_marking(animation, bad.values())
@@ -154,16 +192,18 @@ def _refused(error: MeshmarkError) -> dict[str, Any]:
 
 
 def _require_marking(animation: MeshAnimation, bad: Collection[InputError]) -> None:
-    """Refuse what `embed` does: frames and faces that cannot be read, and faces that change."""
+    """Refuse what `embed` does: frames and faces that cannot be read."""
     if animation.flaw:
         raise InputError(animation.flaw)
     unreadable = [error for error in bad if not isinstance(error, NoExtentError)]
     if unreadable:
-        raise InputError(f"{len(unreadable)} bad frames: {unreadable[0].without_source()}")
+        raise _bad(unreadable)
     if len(bad) == len(animation):
         raise next(iter(bad))
-    if not animation.constant_topology:
-        raise InputError("the connectivity changes over time")
+
+
+def _bad(unreadable: Sequence[InputError]) -> InputError:
+    return InputError(f"{len(unreadable)} bad frames: {unreadable[0].without_source()}")
 
 
 def _passed_over(bad: Iterable[InputError]) -> list[str]:

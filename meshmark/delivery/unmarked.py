@@ -31,13 +31,6 @@ def split_fit(asset: Asset) -> Asset:
     for mesh in asset.meshes:
         try:
             check(mesh)
-            if not mesh.constant_topology:
-                raise InputError(
-                    "the connectivity changes over time; a mark needs vertices that keep "
-                    "their identity",
-                    source=mesh.origin,
-                    prim=mesh.prim,
-                )
         except InputError as error:
             errors.append(error)
         else:
@@ -131,6 +124,17 @@ def require_small(asset: Asset, skipped: Sequence[LeftOut], allowed: Sequence[st
     for sizes in (points, areas):
         if sum(sizes[prim] for prim in names) > CONSIDERABLE * sum(sizes.values()):
             _refuse(asset, loose)
+
+
+def require_held(asset: Asset, frames: Iterable[LeftOut], allowed: Sequence[str]) -> None:
+    """Refuse to deliver marked meshes of which some frames can hold no mark.
+
+    Raises
+    ------
+    CapacityError
+        Naming the first that nobody allowed, and how many there are.
+    """
+    _refuse(asset, [each for each in frames if not _allows(allowed, each.prim)])
 
 
 def _allows(allowed: Iterable[str], prim: str) -> bool:

@@ -20,6 +20,7 @@ from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.components import surface_components
 from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.runs import cut, longest, runs, span
 from meshmark.mesh.topology import Topology, face_components
 from meshmark.mesh.welding import Welding
 
@@ -28,6 +29,8 @@ FEWEST_VERTICES = 500
 # Most surfaces of a mesh that are tried each by itself, the ones of the most vertices first; and
 # among how many of them runs of neighbours are tried together.
 MOST_SURFACES, MOST_IN_RUNS = 64, 5
+# Most runs of frames of a mesh whose connectivity changes that are tried each by itself.
+MOST_RUNS = 12
 # Surfaces that all together have less than this share of the area change nothing about the rest.
 NEGLIGIBLE = 0.02
 
@@ -73,25 +76,41 @@ def candidates(asset: Asset) -> list[Candidate]:
     several surfaces of `FEWEST_VERTICES` or more, each of them, and, of the largest, runs of
     them in the order of their faces: a program that joins meshes keeps each of them together.
 
-    Where frames do not agree with each other, those that do are tried by themselves.
+    Where frames do not agree with each other, those that do are tried by themselves; and where
+    the connectivity changes, the longest runs of frames in which it does not.
 
     Frames that cannot be read, and meshes of which none can be, are no reason to stop here.
     """
-    wanted = [Candidate(mesh) for mesh in asset.meshes]
+    whole = [Candidate(mesh) for mesh in asset.meshes]
+    wanted = [*whole, *(run for mesh in asset.meshes for run in _runs_of(mesh))]
     known: list[Body] = []
-    for whole_mesh in tuple(wanted):
+    for whole_mesh in whole:
         bodies = _bodies(whole_mesh)
         known += bodies
         if len(bodies) > 1:
             wanted += [Candidate(body.mesh, body.part, reference=body.reference) for body in bodies]
     for group in cut_apart(known):
         known = [body for body in known if body not in group]
-        whole = JoinedMesh.of(group)
-        wanted.append(_part_of(whole, np.arange(len(whole.faces)), "sewn together"))
-        wanted += _surfaces(whole)
+        sewn = JoinedMesh.of(group)
+        wanted.append(_part_of(sewn, np.arange(len(sewn.faces)), "sewn together"))
+        wanted += _surfaces(sewn)
     for body in known:
         wanted += _surfaces(JoinedMesh.of([body])) if body.tracked else _ranked(body)
     return wanted
+
+
+def whole_meshes(asset: Asset) -> list[Candidate]:
+    """List each mesh as it stands, and runs of frames as they may have been marked."""
+    return [candidate for mesh in asset.meshes for candidate in (Candidate(mesh), *_runs_of(mesh))]
+
+
+def _runs_of(mesh: MeshAnimation) -> list[Candidate]:
+    """List the longest runs of frames of a mesh whose connectivity changes; not single frames."""
+    if mesh.constant_topology:
+        return []
+    long = [run for run in runs(mesh) if len(run) > 1]
+    parts = [cut(mesh, run) for run in (longest(long, MOST_RUNS) if long else [])]
+    return [Candidate(part, f"frames {span(part)}") for part in parts]
 
 
 def _bodies(candidate: Candidate) -> list[Body]:

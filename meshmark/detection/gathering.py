@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from meshmark.detection.candidates import Candidate, candidates
+from meshmark.detection.candidates import candidates, whole_meshes
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.looks import EVERYTHING, Look
@@ -118,7 +118,7 @@ class Survey:
     ) -> None:
         whole = asset if isinstance(asset, Asset) else as_asset(asset)
         within, left_out = in_range(whole, frames)
-        wanted = candidates(within) if parts else [Candidate(mesh) for mesh in within.meshes]
+        wanted = candidates(within) if parts else whole_meshes(within)
         self.source = whole.source
         self.recipes = tuple(recipes) or blind_schemes()
         # Groups of frames that agree with each other may lie outside the range.

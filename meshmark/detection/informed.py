@@ -17,6 +17,7 @@ from meshmark.alignment.reposing import reposed
 from meshmark.alignment.search import IDENTITY, REPOSED
 from meshmark.arrays import IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
+from meshmark.detection.informed_pairs import pairs, run_named
 from meshmark.detection.original_layout import OriginalLayout
 from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import CapacityError, UsageError
@@ -25,6 +26,7 @@ from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
+from meshmark.mesh.frame_range import has_frame_in
 from meshmark.mesh.geometry import vertex_normals
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
@@ -80,20 +82,29 @@ def gather_informed(
     InputError
         If a frame cannot be read.
     """
-    references = {} if master is None else _by_prim(original, master)
-    alignment = align(copy, original, frames=frames, n_frames=FRAMES, jobs=jobs)
-    notes = [f"{each.prim} of the original: {each.reason}" for each in alignment.unplaced]
+    masters = {} if master is None else _by_prim(original, master)
+    notes: list[str] = []
     items: list[Evidence] = []
-    for found in alignment.meshes:
-        reference = references.get(found.original.prim, found.original)
-        for recipe in recipes:
-            try:
-                with breakdown_means_no_capacity(), one_thread():
-                    on = OriginalLayout(found.original, recipe.build())
-                    reading = _Reading(found, reference, on, recipe.scheme)
-                    items.append(reading.evidence(jobs, progress))
-            except CapacityError as error:
-                notes.append(f"{found.original.prim}: {recipe.scheme}: {error.message}")
+    for pair in pairs(copy, original):
+        if pair.run is not None and not any(has_frame_in(m, frames) for m in pair.copy.meshes):
+            continue
+        n_frames = max(1, FRAMES // pair.share)
+        alignment = align(pair.copy, pair.original, frames=frames, n_frames=n_frames, jobs=jobs)
+        where = f", {pair.part}" if pair.part else ""
+        notes += [
+            f"{each.prim} of the original{where}: {each.reason}" for each in alignment.unplaced
+        ]
+        for found in alignment.meshes:
+            twin = masters.get(found.original.prim)
+            reference = found.original if twin is None else pair.reference(twin)
+            for recipe in recipes:
+                try:
+                    with breakdown_means_no_capacity(), one_thread():
+                        on = OriginalLayout(found.original, recipe.build())
+                        reading = _Reading(found, reference, on, recipe.scheme)
+                        items.append(replace(reading.evidence(jobs, progress), part=pair.part))
+                except CapacityError as error:
+                    notes.append(f"{found.original.prim}{where}: {recipe.scheme}: {error.message}")
     return InformedEvidence(tuple(items), tuple(notes))
 
 
@@ -124,7 +135,8 @@ def beside_original(
     def beside(item: Evidence) -> Evidence:
         if item.vertices is None or item.informed is None:
             return item
-        mesh, scheme = original.mesh(item.informed.prim), schemes[item.scheme].build()
+        mesh = run_named(original.mesh(item.informed.prim), item.part)
+        scheme = schemes[item.scheme].build()
         return replace(item, vertices=replace(item.vertices, on=OriginalLayout(mesh, scheme)))
 
     return tuple(map(beside, items))

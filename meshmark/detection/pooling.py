@@ -33,6 +33,8 @@ PAIRED, APART, UNLIKE = 0.75, 1.5, 0.5
 # Worth of agreeing evidence beside a step between places: left and right lie in one place.
 AGREEMENT = 2.0
 _SURFACE = re.compile(r"surface \d+")
+# What a run of frames is called where the connectivity of a mesh changes: `meshmark.mesh.runs`.
+_RUN = re.compile(r"frames \S+:\S+")
 # Stands for "out of the question" in sums that must stay finite.
 _NEVER = 1e6
 
@@ -99,6 +101,8 @@ class Pool:
 def pools(evidence: Sequence[Evidence]) -> list[Pool]:
     """List what of an asset is judged together: all meshes, and all surfaces of meshes.
 
+    A mesh whose connectivity changes is as many meshes as it has runs of frames.
+
     Parameters
     ----------
     evidence : sequence of Evidence
@@ -110,7 +114,9 @@ def pools(evidence: Sequence[Evidence]) -> list[Pool]:
         None if fewer than two of them hold chips.
     """
     held = [item for item in evidence if item.held.any() and _can_be_pooled(item)]
-    meshes = [item for item in held if not item.part]
+    runs = [item for item in held if _RUN.fullmatch(item.part)]
+    changing = {item.prim for item in runs}
+    meshes = [*(item for item in held if not item.part and item.prim not in changing), *runs]
     surfaces = [item for item in held if _SURFACE.fullmatch(item.part)]
     apart = {prim for item in surfaces for prim in (item.prim, *item.also)}
     whole = [item for item in meshes if item.prim not in apart]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from meshmark.embedding.mesh import Embedded, embed_animation
-from meshmark.errors import CapacityError, InputError, NoExtentError
+from meshmark.errors import CapacityError, InputError, MeshmarkError, NoExtentError
 from meshmark.extension.informed import InformedScheme
 from meshmark.extension.interfaces import Scheme
 from meshmark.extension.recipe import Recipe, in_order
@@ -16,6 +16,7 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut, as_asset
 from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
+from meshmark.mesh.runs import cut, joined, runs, span
 from meshmark.recipients import recipient_name
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import FrameProgress, MeshProgress
@@ -31,15 +32,16 @@ class MarkedMesh:
         As it was read.
     layers : tuple of Embedded
         As each layer marked it, one upon the other.
-    passed_over : tuple of (float, NoExtentError)
-        Times at which it is scaled to nothing; those frames stay as they are.
+    passed_over : tuple of (float, MeshmarkError)
+        Times at which it is scaled to nothing (`NoExtentError`), or where its connectivity
+        changes, can hold no mark; those frames stay as they are.
     missing : tuple of (str, str)
         Layers that it could not hold, and why.
     """
 
     original: MeshAnimation
     layers: tuple[Embedded, ...]
-    passed_over: tuple[tuple[float, NoExtentError], ...] = ()
+    passed_over: tuple[tuple[float, MeshmarkError], ...] = ()
     missing: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -56,7 +58,7 @@ class MarkedMesh:
     @property
     def frames(self) -> tuple[int, ...]:
         """Indices of the marked frames."""
-        return self.layers[-1].frames
+        return tuple(sorted({index for layer in self.layers for index in layer.frames}))
 
     @property
     def carriers(self) -> int:
@@ -153,13 +155,16 @@ def embed(
         empty = passed_over[animation.prim]
         chosen = _remaining(animation, frames, empty)
         try:
-            done, missing = _mark(animation, layers, key, whose, chosen, jobs=jobs, progress=tell)
+            done, missing, unheld = _mark_runs(
+                animation, layers, key, whose, chosen, jobs=jobs, progress=tell
+            )
         except CapacityError as error:
             if len(within.meshes) == 1:
                 raise
             skipped.append(LeftOut(animation.prim, error.message))
             continue
-        told = tuple((float(animation.times[index]), error) for index, error in empty.items())
+        left = sorted({**empty, **unheld}.items())
+        told = tuple((float(animation.times[index]), error) for index, error in left)
         marked.append(MarkedMesh(animation, done, told, missing))
     if not marked:
         reasons = "; ".join(f"{each.prim}: {each.reason}" for each in skipped[:3])
@@ -180,6 +185,96 @@ class Layer:
         return cls(recipe.scheme, recipe.build())
 
 
+Missing = tuple[tuple[str, str], ...]
+
+
+def _mark_runs(
+    animation: MeshAnimation,
+    layers: Sequence[Layer],
+    key: Key,
+    recipient: str | None,
+    frames: tuple[int, ...],
+    *,
+    jobs: int,
+    progress: FrameProgress | None,
+) -> tuple[tuple[Embedded, ...], Missing, dict[int, MeshmarkError]]:
+    """Mark a mesh by itself, or where its connectivity changes, each run of frames by itself.
+
+    All runs hold the same words: they are one mesh.
+
+    Returns
+    -------
+    layers : tuple of Embedded
+        Of the whole animation.
+    missing : tuple of (str, str)
+        Layers it cannot hold, and why; or in how many of the runs.
+    unheld : dict of int to MeshmarkError
+        Frames of runs that can hold no layer.
+
+    Raises
+    ------
+    CapacityError
+        If no run can hold any; the first reason.
+    """
+    done: dict[range, tuple[Embedded, ...]] = {}
+    missing: dict[str, list[str]] = {}
+    unheld: dict[int, MeshmarkError] = {}
+    alone, every = animation.constant_topology, runs(animation)
+    for run in every:
+        within = tuple(index - run.start for index in frames if index in run)
+        part = cut(animation, run)
+        if not within:
+            continue
+        try:
+            done[run], refused = _mark(
+                part, layers, key, recipient, within, jobs=jobs, progress=progress
+            )
+        except CapacityError as error:
+            if alone:
+                raise
+            unheld.update({run.start + index: error for index in within})
+            continue
+        for name, reason in refused:
+            missing.setdefault(name, []).append(
+                reason if alone else f"frames {span(part)}: {reason}"
+            )
+    if not done:
+        [(index, first), *_] = unheld.items()
+        raise CapacityError(
+            f"the connectivity changes over time, and none of {len(every)} runs of frames can hold "
+            f"a mark: frame {animation.times[index]:g}: {first.message}",
+            source=animation.origin,
+            prim=animation.prim,
+        )
+    if alone:
+        return done[every[0]], tuple((name, why) for name, [why] in missing.items()), {}
+    told = ((name, f"{len(why)} of {len(every)} runs, {why[0]}") for name, why in missing.items())
+    return _joined_layers(animation, layers, done), tuple(told), unheld
+
+
+def _joined_layers(
+    animation: MeshAnimation, layers: Sequence[Layer], done: Mapping[range, tuple[Embedded, ...]]
+) -> tuple[Embedded, ...]:
+    """Put the runs of an animation together, layer by layer."""
+    latest = {run: cut(animation, run) for run in done}
+    together = []
+    for layer in layers:
+        held = {run: e for run, several in done.items() for e in several if e.scheme == layer.name}
+        if not held:
+            continue
+        latest |= {run: embedded.animation for run, embedded in held.items()}
+        together.append(
+            Embedded(
+                joined(animation, list(latest), list(latest.values())),
+                tuple(run.start + index for run, e in held.items() for index in e.frames),
+                sum(embedded.carriers for embedded in held.values()),
+                layer.name,
+                isinstance(layer.scheme, InformedScheme),
+            )
+        )
+    return tuple(together)
+
+
 def _mark(
     animation: MeshAnimation,
     layers: Sequence[Layer],
@@ -189,7 +284,7 @@ def _mark(
     *,
     jobs: int,
     progress: FrameProgress | None,
-) -> tuple[tuple[Embedded, ...], tuple[tuple[str, str], ...]]:
+) -> tuple[tuple[Embedded, ...], Missing]:
     """Lay one layer upon the other, and tell which the mesh cannot hold.
 
     A blind layer beside an informed one holds the owner's words whoever the copy is for: no

@@ -144,6 +144,9 @@ def describe_marks(
 
 def _coordinates(asset: Asset, written: Asset, prim: str, primvars: str) -> dict[str, Any]:
     """Return the texture coordinates of a mesh before, and those after if they may be others."""
+    if not asset.mesh(prim).constant_topology:
+        # There are others in every run of frames.
+        return {}
     if primvars == KEEP or asset.reader != READER or written.source == asset.source:
         return {"uv": texture_coordinates(asset, prim)}
     from meshmark.usd.texture_coordinates import TextureCoordinates

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from meshmark.delivery.unmarked import (
     require_allowed,
     require_extent,
+    require_held,
     require_small,
     split_fit,
     split_in_place,
@@ -24,7 +25,7 @@ from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run, record_of
 from meshmark.embedding.manifest import Manifest, announced, manifest_path, output_hashes
 from meshmark.embedding.outputs import check_output
-from meshmark.errors import UsageError
+from meshmark.errors import NoExtentError, UsageError
 from meshmark.extension.recipe import Recipe, in_order
 from meshmark.files.atomic import write_json
 from meshmark.files.locks import held
@@ -175,6 +176,7 @@ def mark_file(
         )
         if deliver:
             require_small(markable, marked.skipped, allow_unmarked)
+            require_held(markable, _unheld(marked), allow_unmarked)
         marked = replace(marked, original=original)
         document = describe_run(
             marked,
@@ -257,6 +259,16 @@ def _skipped(
     left_out = [each for each in markable.left_out if deliver or not each.guide]
     skipped = (*marked.skipped, *left_out, *others)
     return [{"prim": each.prim, "reason": each.reason} for each in skipped]
+
+
+def _unheld(marked: MarkedAsset) -> list[LeftOut]:
+    """List the frames of marked meshes that can hold no mark, though they show something."""
+    return [
+        LeftOut(mesh.original.prim, f"frame {time:g}: {error.message}")
+        for mesh in marked.meshes
+        for time, error in mesh.passed_over
+        if not isinstance(error, NoExtentError)
+    ]
 
 
 def _stamps(marked: MarkedAsset, record: str) -> dict[str, Stamp]:

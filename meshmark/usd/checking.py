@@ -166,8 +166,8 @@ def _own_traces(points: StagePoints, beat: Callable[[], None]) -> Traces:
             for time in [*mesh.times().tolist(), *[REST] * mesh.has_rest_pose]:
                 beat()
                 traces.add(path, time, mesh.local(time))
-        except (InputError, ValueError):
-            # A mesh without a shape, or with another at each time, has no copies.
+        except InputError:
+            # A mesh without a shape has no copies.
             traces.shapes.pop(path, None)
     return traces
 

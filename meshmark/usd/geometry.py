@@ -159,6 +159,13 @@ def inside_out(prim: Usd.Prim, time: float) -> bool:
     return bool((left_handed == UsdGeom.Tokens.leftHanded) != mirrored)
 
 
+def faces_vary(prim: Usd.Prim) -> bool:
+    """Tell whether the faces of a mesh may be others at other times."""
+    mesh = UsdGeom.Mesh(prim)
+    faces = (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+    return any(attribute.ValueMightBeTimeVarying() for attribute in faces)
+
+
 def shapes(prim: Usd.Prim, times: FloatArray) -> list[Hashable | None]:
     """Tell which frames have the same faces over as many points of the same type.
 
@@ -168,8 +175,7 @@ def shapes(prim: Usd.Prim, times: FloatArray) -> list[Hashable | None]:
         For each time something that is equal for those; None where there is no mesh.
     """
     mesh = UsdGeom.Mesh(prim)
-    faces = (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
-    sampled = any(attribute.ValueMightBeTimeVarying() for attribute in faces)
+    sampled = faces_vary(prim)
     found: list[Hashable | None] = []
     known: dict[Hashable, Hashable | None] = {}
     for time in times.tolist():

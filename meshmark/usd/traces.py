@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, UsdGeom
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.delivery.clouds import find_cloud
 from meshmark.delivery.copies import Match, Shape, find_in_order
 from meshmark.usd.authoring import Witness
-from meshmark.usd.geometry import REST, local_to_world, polygons
+from meshmark.usd.geometry import REST, faces_vary, local_to_world, polygons, time_code
 from meshmark.usd.layers import VECTOR_ARRAYS, extent, set_value, value_at, vector_array
 from meshmark.usd.numbers import (
     Numbers,
@@ -79,7 +79,7 @@ class Traces:
     """
 
     points: StagePoints
-    shapes: dict[str, Shape] = field(default_factory=dict, init=False)
+    shapes: dict[str, list[Shape]] = field(default_factory=dict, init=False)
 
     def add(self, prim: str, time: float, points: NDArray[np.floating]) -> None:
         """Take note of the points of a mesh at a time.
@@ -88,25 +88,26 @@ class Traces:
         ------
         InputError
             If its faces make no sense.
-        ValueError
-            If it has another number of points than before.
         """
-        if prim not in self.shapes:
-            mesh = self.points.of(self.points.stage.GetPrimAtPath(prim))
-            _, corners = polygons(UsdGeom.Mesh(mesh.prim), Usd.TimeCode.EarliestTime())
+        shape = self._shape(prim, time, len(points))
+        if time != REST or not _shows(shape, points.astype(np.float64)):
+            shape.add(time, points.astype(np.float64))
 
-            def read(time: float) -> FloatArray:
-                return mesh.local(time).astype(np.float64)
+    def _shape(self, prim: str, time: float, n_points: int) -> Shape:
+        """Return the last shape of a mesh; a new one, if it has other points or faces now."""
+        mesh = self.points.of(self.points.stage.GetPrimAtPath(prim))
+        last = self.shapes[prim][-1] if prim in self.shapes else None
+        if last is not None and last.n_points == n_points and not faces_vary(mesh.prim):
+            return last
+        _, corners = polygons(UsdGeom.Mesh(mesh.prim), time_code(time))
+        if last is not None and last.n_points == n_points and np.array_equal(last.corners, corners):
+            return last
 
-            self.shapes[prim] = Shape(len(points), corners, read)
-        if time != REST or not self._shows(prim, points.astype(np.float64)):
-            self.shapes[prim].add(time, points.astype(np.float64))
+        def read(time: float) -> FloatArray:
+            return mesh.local(time).astype(np.float64)
 
-    def _shows(self, prim: str, rest: FloatArray) -> bool:
-        """Tell whether a frame shows a rest pose (N, 3): copies of it are then that frame's."""
-        shape = self.shapes[prim]
-        matches = find_in_order(rest, shape, np.arange(len(rest)), shape.sampled)
-        return any(match.residual <= EXACT for match in matches)
+        self.shapes.setdefault(prim, []).append(Shape(n_points, corners, read))
+        return self.shapes[prim][-1]
 
     def witness(self, prim: str) -> Witness:
         """Return what remembers each frame of a prim as it is authored."""
@@ -140,7 +141,12 @@ class Traces:
         The prim the numbers belong to is the first choice where several meshes are alike; those
         in `without` are none.
         """
-        known = [(prim, shape) for prim, shape in self.shapes.items() if prim not in without]
+        known = [
+            (prim, shape)
+            for prim, shapes in self.shapes.items()
+            if prim not in without
+            for shape in shapes
+        ]
         known.sort(key=lambda each: each[0] != place.owner)
         found = _in_order(numbers, known, place)
         if not found and place.thorough:
@@ -162,6 +168,12 @@ class Traces:
             if found:
                 return found
         return []
+
+
+def _shows(shape: Shape, rest: FloatArray) -> bool:
+    """Tell whether a frame shows a rest pose (N, 3): copies of it are then that frame's."""
+    matches = find_in_order(rest, shape, np.arange(len(rest)), shape.sampled)
+    return any(match.residual <= EXACT for match in matches)
 
 
 def _in_order(numbers: FloatArray, known: Iterable[tuple[str, Shape]], place: Place) -> list[Copy]:

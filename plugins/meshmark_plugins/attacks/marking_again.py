@@ -11,6 +11,7 @@ from meshmark.errors import CapacityError
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.scratch import DisplacedFrames, ScratchFile
+from meshmark_plugins.attacks.frames import require_trajectories
 from meshmark_plugins.attacks.parameters import whole
 
 
@@ -27,9 +28,7 @@ class MarkingAgain:
     Raises
     ------
     UsageError
-        If the parameter is out of range.
-    InputError
-        If the connectivity changes from frame to frame.
+        If the parameter is out of range, or the connectivity changes from frame to frame.
 
     Notes
     -----
@@ -45,6 +44,7 @@ class MarkingAgain:
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the animation marked again."""
+        require_trajectories("marking-again", animation, "a mean of copies")
         mean = ScratchFile.create(len(animation), animation[0].topology.n_points)
         for _ in range(self.copies):
             key = Key(rng.bytes(KEY_BYTES))

@@ -5,7 +5,7 @@ import pytest
 
 from meshmark.detection.verify import verify
 from meshmark.embedding.asset import embed
-from meshmark.errors import InputError
+from meshmark.errors import UsageError
 from meshmark.keys import KEY_BYTES, Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.attacks import AttackSuite, bending_ball
@@ -62,5 +62,5 @@ def test_a_mesh_that_can_hold_no_mark_stays_as_it_is_and_says_so():
 def test_a_varying_connectivity_is_refused():
     ball = bending_ball()
     frames = [ball[0], star()[1]]
-    with pytest.raises(InputError, match="the connectivity changes over time"):
+    with pytest.raises(UsageError, match="one connectivity"):
         again(MeshAnimation.from_frames(frames))
