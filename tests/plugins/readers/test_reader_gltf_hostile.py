@@ -292,6 +292,26 @@ def test_points_that_overflow_are_named_with_their_frame(tmp_path):
         mesh[1]
 
 
+@pytest.mark.parametrize(
+    ("times", "dtype", "wanted"),
+    [
+        (
+            [0, 40000],
+            "u2",
+            r"accessors\[2\].componentType is of integers; times of keys are floats",
+        ),
+        ([1, 0], "f4", r"accessors\[2\]: times of keys decrease"),
+    ],
+)
+def test_times_of_keys_are_floats_that_do_not_decrease(tmp_path, times, dtype, wanted):
+    made = quad()
+    made.animate(0, "translation", [0, 1], np.zeros((2, 3)))
+    sampler = made.json["animations"][0]["samplers"][0]
+    made.json["accessors"][sampler["input"]] = made.json["accessors"][made.accessor(times, dtype)]
+    with pytest.raises(InputError, match=wanted):
+        GltfReader().read(made.save(tmp_path / "times.glb"))
+
+
 @pytest.mark.parametrize("codec", ["meshopt", "DracoPy"])
 def test_malformed_compressed_data_is_named(tmp_path, codec):
     pytest.importorskip(codec, reason=f"{codec}, an optional library, is absent")

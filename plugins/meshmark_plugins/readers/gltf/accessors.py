@@ -23,6 +23,7 @@ TYPES: dict[int, np.dtype[Any]] = {
     5125: np.dtype("<u4"),
     5126: np.dtype("<f4"),
 }
+LARGEST_OF = {dtype: float(np.iinfo(dtype).max) for dtype in TYPES.values() if dtype.kind != "f"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 KINDS = tuple(WIDTHS)
 
@@ -89,8 +90,9 @@ class Accessors:
         if not accessor.flag("normalized"):
             # Single precision holds integers of two bytes.
             return values.astype(np.float32 if values.itemsize < 4 else np.float64)
-        most = np.iinfo(values.dtype).max
-        return np.maximum(values.astype(np.float64) / most, -1.0)
+        found = values / LARGEST_OF[values.dtype]
+        # The least number of a signed type stands for -1, as its neighbour does.
+        return found if values.dtype.kind == "u" else np.maximum(found, -1.0, out=found)
 
     def integers(
         self,

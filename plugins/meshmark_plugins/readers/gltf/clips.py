@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
-from meshmark_plugins.readers.gltf.accessors import Accessors
+from meshmark_plugins.readers.gltf.accessors import Accessors, stored_type
 from meshmark_plugins.readers.gltf.element import Element
 
 STEP, LINEAR, CUBIC = INTERPOLATIONS = ("STEP", "LINEAR", "CUBICSPLINE")
@@ -186,10 +186,12 @@ class KeyTimes:
         """Return those of a sampler."""
         index = sampler.index("input", self._accessors.elements)
         if index not in self._read:
+            accessor = self._accessors.elements[index]
+            if stored_type(accessor).kind != "f":
+                accessor.fail("componentType", "is of integers; times of keys are floats")
             times = self._accessors.numbers(index, 1)[:, 0].astype(np.float64)
             if (times[1:] < times[:-1]).any():
-                place = self._accessors.elements[index].place
-                raise InputError(f"{place}: times of keys decrease")
+                raise InputError(f"{accessor.place}: times of keys decrease")
             self._read[index] = times
         return self._read[index]
 

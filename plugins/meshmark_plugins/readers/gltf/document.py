@@ -168,7 +168,7 @@ class Document:
             try:
                 binding = bind(geometry.vertices, skin)
             except InputError as error:
-                raise InputError(f"{node.place}: {error.message}") from None
+                raise InputError(f"{element.place}: {error.message}") from None
         extras = self._meshes.elements[node.mesh].members.get("extras")
         return PlacedMesh(index, prim, geometry, weights, (*joints, index), binding, extras)
 

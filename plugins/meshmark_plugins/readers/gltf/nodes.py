@@ -24,8 +24,6 @@ class Node(NamedTuple):
 
     Parameters
     ----------
-    place : str
-        Where it is in the document.
     name : str
         A valid name; that of its mesh, or its number, where it has none.
     children : tuple of int
@@ -36,7 +34,6 @@ class Node(NamedTuple):
     mesh, skin : int, optional
     """
 
-    place: str
     name: str
     children: tuple[int, ...]
     translation: tuple[float, ...]
@@ -108,8 +105,8 @@ def read_nodes(root: Element) -> Hierarchy:
         If one has two parents, is its own ancestor, or is too deep below its root.
     """
     elements, meshes = root.objects("nodes"), root.objects("meshes")
-    skins = root.objects("skins")
-    nodes = tuple(_node(each, i, elements, meshes, skins) for i, each in enumerate(elements))
+    known, skins = range(len(elements)), range(len(root.objects("skins")))
+    nodes = tuple(_node(each, i, known, meshes, skins) for i, each in enumerate(elements))
     parents = [-1] * len(nodes)
     for index, node in enumerate(nodes):
         for child in node.children:
@@ -131,14 +128,13 @@ def scene_roots(root: Element, hierarchy: Hierarchy) -> tuple[int, ...]:
 def _node(
     node: Element,
     index: int,
-    nodes: Sequence[Element],
+    nodes: range,
     meshes: Sequence[Element],
-    skins: Sequence[Element],
+    skins: range,
 ) -> Node:
     mesh = node.optional_index("mesh", meshes)
     name = node.text("name", "") or ("" if mesh is None else meshes[mesh].text("name", ""))
     return Node(
-        place=node.place,
         name=_valid(name) or f"node{index}",
         children=node.indices("children", nodes),
         translation=node.numbers("translation", 3, (0.0, 0.0, 0.0)),

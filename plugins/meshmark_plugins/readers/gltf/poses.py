@@ -13,6 +13,7 @@ from meshmark_plugins.readers.gltf.nodes import Hierarchy, rest_parts
 
 # Translation, rotation and scale of nodes: (R, 3), (R, 4), (R, 3).
 Parts = tuple[FloatArray, FloatArray, FloatArray]
+AT_ORIGIN = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +67,13 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     ]
     moved = {node for _, node, _ in moving}
     nodes = [hierarchy.nodes[node] for node in needed]
-    parts = [rest_parts(node) for node in nodes]
+    fixed = {i: node.matrix for i, node in enumerate(nodes) if node.matrix and i not in moved}
+    parts = [AT_ORIGIN if i in fixed else rest_parts(node) for i, node in enumerate(nodes)]
     translation, rotation, scale = (np.array(part) for part in zip(*parts, strict=True))
     return Rig(
         parents=tuple(place.get(hierarchy.parents[node], -1) for node in needed),
         rest=(translation, rotation, scale),
-        fixed={
-            index: np.array(node.matrix).reshape(4, 4).T
-            for index, node in enumerate(nodes)
-            if node.matrix is not None and index not in moved
-        },
+        fixed={i: np.array(matrix).reshape(4, 4).T for i, matrix in fixed.items()},
         tracks=tuple(moving),
         places=tuple(place[node] for node in wanted),
     )
