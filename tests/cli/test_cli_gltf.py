@@ -118,14 +118,13 @@ def test_inspect_tells_of_clips_and_frames(run):
 ATTACK = ["attack", "noise", "ball.glb", "-p", "amplitude=0.001", "--clip", "Turn", "-o"]
 
 
-@pytest.mark.parametrize("name", ["x.glb", "x.gltf"])
-def test_an_attacked_clip_is_written_as_a_stage_or_a_new_file(run, name):
+def test_an_attacked_clip_is_written_as_a_stage_or_a_new_file(run):
     assert run(*ATTACK, "x.usdc")[0] == 0
     asset = read("x.usdc")
     assert (asset.up_axis, asset.meters_per_unit, asset.fps) == ("Y", 1.0, 24.0)
     assert len(asset.meshes[0]) == 7
-    assert run(*ATTACK, name)[0] == 0
-    [same] = read(name).meshes
+    assert run(*ATTACK, "x.glb")[0] == 0
+    [same] = read("x.glb").meshes
     assert same.prim == asset.meshes[0].prim == "/root/ball"
     np.testing.assert_array_equal(same.times, asset.meshes[0].times)
     for one, two in zip(asset.meshes[0], same, strict=True):

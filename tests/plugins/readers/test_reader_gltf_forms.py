@@ -10,34 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gltf_files import QUAD, QUAD_FACES, GltfFile, ball, draco_quad, glb, quad
+from gltf_files import QUAD, GltfFile, glb, quad
+from gltf_writing import SHIFT, bounds, mark, shifted
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.sources.writing import writer
 from meshmark.testing.meshes import icosphere
 from meshmark_plugins.readers.gltf.container import read_container
 from meshmark_plugins.readers.gltf.reader import GltfReader
-
-SHIFT = np.array([0.5, 0.25, 1.0])
-MESHOPT = "EXT_meshopt_compression"
-
-
-def shifted(asset):
-    moved = (mesh.map(lambda frame: frame.moved(frame.points + SHIFT)) for mesh in asset.meshes)
-    return replace(asset, meshes=tuple(moved))
-
-
-def mark(source: str, output: Path, **parameters) -> dict:
-    """Shift the meshes of a file, write it, check what is read back; return the document."""
-    reader = GltfReader(**parameters)
-    asset = reader.read(source)
-    writer(asset, output, parameters=parameters)(shifted(asset))
-    for mesh, found in zip(asset.meshes, GltfReader().read(str(output)).meshes, strict=True):
-        np.testing.assert_allclose(found[0].points, mesh[0].points + SHIFT, atol=1e-6)
-    return dict(read_container(output).root.members)
-
-
-def bounds(accessor: dict) -> list:
-    return [accessor["min"], accessor["max"]]
 
 
 def buffer_file(folder: Path, made: GltfFile) -> str:
@@ -216,18 +195,6 @@ def test_what_shares_bytes_with_quantised_positions_stays(tmp_path):
     assert not any(data[:8] + data[12 : view["byteLength"]])
 
 
-def test_a_primitive_of_draco_may_name_no_faces_but_none_that_are_not_there(tmp_path):
-    made = draco_quad()
-    primitive = made.json["meshes"][0]["primitives"][0]
-    primitive["indices"] = 7
-    source = made.save(tmp_path / "plain.glb")
-    asset = GltfReader().read(source)
-    with pytest.raises(InputError, match=r"primitives\[0\].indices is 7, but there are 2"):
-        writer(asset, tmp_path / "marked.glb", parameters={"uncompress": True})
-    del primitive["indices"]
-    mark(made.save(tmp_path / "plain.glb"), tmp_path / "marked.glb", uncompress=True)
-
-
 @pytest.mark.parametrize("uncompress", [False, True])
 @pytest.mark.parametrize(
     ("members", "wanted"),
@@ -282,108 +249,3 @@ def test_sparse_positions_over_nothing_are_written_where_all_are_listed(tmp_path
     del made.json["accessors"][0]["bufferView"]
     written = mark(made.save(tmp_path / "plain.glb"), tmp_path / "marked.glb")
     assert "bufferView" not in written["accessors"][0]
-
-
-def packed_ball(extension: str = MESHOPT, *, fallback: bool = False) -> GltfFile:
-    """Compress the positions of a ball, between other data."""
-    meshopt = pytest.importorskip("meshopt", reason="meshopt, an optional library, is absent")
-    made = ball(2, bending=False)
-    position = made.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
-    view = made.json["bufferViews"][made.json["accessors"][position]["bufferView"]]
-    begin, length = view["byteOffset"], view["byteLength"]
-    rows = np.frombuffer(bytes(made.data[begin : begin + length]), np.uint8).reshape(-1, 12)
-    where = made.json["bufferViews"][made.view(meshopt.encode_gltf_buffer(rows, "ATTRIBUTES"))]
-    made.json["bufferViews"].pop()
-    told = {"count": len(rows), "byteStride": 12, "mode": "ATTRIBUTES"}
-    view["extensions"] = {extension: {**where, **told}}
-    made.json["extensionsUsed"] = [extension]
-    behind = made.add("nodes", mesh=made.mesh(made.primitive(QUAD, QUAD_FACES)), name="behind")
-    assert behind
-    if not fallback:
-        view |= {"buffer": 1, "byteOffset": 0}
-        made.json["buffers"] = [
-            {"byteLength": len(made.data)},
-            {"byteLength": length, "extensions": {extension: {"fallback": True}}},
-        ]
-    return made
-
-
-@pytest.mark.parametrize("fallback", [False, True])
-@pytest.mark.parametrize("extension", [MESHOPT, "KHR_meshopt_compression"])
-def test_compressed_views_are_compressed_again(tmp_path, extension, fallback):
-    made = packed_ball(extension, fallback=fallback)
-    source = made.save(tmp_path / "plain.glb")
-    plain = GltfReader().read(source)
-    # Noise needs more room than the ball.
-    writer(plain, tmp_path / "marked.glb")(marked := noisy(plain))
-    found = GltfReader().read(str(tmp_path / "marked.glb"))
-    for mesh, other in zip(marked.meshes, found.meshes, strict=True):
-        np.testing.assert_allclose(other[0].points, mesh[0].points, atol=1e-6)
-    before, after = (
-        read_container(tmp_path / name).root.members for name in ("plain.glb", "marked.glb")
-    )
-    position = before["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
-    view = after["accessors"][position]["bufferView"]
-    packed = after["bufferViews"][view]["extensions"][extension]
-    assert packed["byteLength"] > before["bufferViews"][view]["extensions"][extension]["byteLength"]
-    assert after["buffers"][0]["byteLength"] > before["buffers"][0]["byteLength"]
-    if fallback:
-        view = {**after["bufferViews"][view]}
-        data = read_container(tmp_path / "marked.glb").binary[view["byteOffset"] :]
-        points = np.frombuffer(data, "<f4", view["byteLength"] // 4).reshape(-1, 3)
-        assert bounds(after["accessors"][position]) == [
-            points.min(0).tolist(),
-            points.max(0).tolist(),
-        ]
-
-
-def noisy(asset):
-    """Move points at rest by noise, so that they come back as they are."""
-    rng = np.random.default_rng(0)
-    meshes = []
-    for mesh in asset.meshes:
-        frames = mesh.source
-        V = frames.geometry.vertices
-        points = (V.points + rng.normal(0, 0.01, V.points.shape)).astype(np.float32)
-        geometry = replace(frames.geometry, vertices=replace(V, points=points))
-        meshes.append(replace(mesh, source=replace(frames, geometry=geometry)))
-    return replace(asset, meshes=tuple(meshes))
-
-
-def test_compressed_views_that_shrink_leave_nothing_behind(tmp_path):
-    made = packed_ball()
-    plain = GltfReader().read(made.save(tmp_path / "plain.glb"))
-    writer(plain, tmp_path / "noisy.glb")(noisy(plain))
-    again = GltfReader().read(str(tmp_path / "noisy.glb"))
-    flat = replace(
-        again,
-        meshes=tuple(
-            mesh.map(lambda frame: frame.moved(0 * frame.points)) for mesh in again.meshes
-        ),
-    )
-    writer(again, tmp_path / "flat.glb")(flat)
-    before, after = (read_container(tmp_path / name) for name in ("noisy.glb", "flat.glb"))
-    assert after.root.members["buffers"] == before.root.members["buffers"]
-    GltfReader().read(str(tmp_path / "flat.glb"))
-
-
-def test_compressed_views_are_written_plainly(tmp_path):
-    source = packed_ball().save(tmp_path / "plain.glb")
-    plain = GltfReader(uncompress=True).read(source)
-    writer(plain, tmp_path / "marked.glb", parameters={"uncompress": True})(marked := noisy(plain))
-    written = read_container(tmp_path / "marked.glb").root.members
-    assert "extensions" not in json.dumps(written)
-    assert len(written["buffers"]) == 1
-    found = GltfReader().read(str(tmp_path / "marked.glb"))
-    for mesh, other in zip(marked.meshes, found.meshes, strict=True):
-        np.testing.assert_allclose(other[0].points, mesh[0].points, atol=1e-6)
-
-
-def test_what_draco_compressed_is_written_plainly(tmp_path):
-    made = draco_quad()
-    source = made.save(tmp_path / "plain.glb")
-    plain = GltfReader().read(source)
-    written = mark(source, tmp_path / "marked.glb", uncompress=True)
-    assert "extensions" not in json.dumps(written)
-    [found] = GltfReader().read(str(tmp_path / "marked.glb")).meshes
-    np.testing.assert_array_equal(found[0].faces, plain.meshes[0][0].faces)
