@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
-from meshmark.arrays import BoolArray, IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.mesh.topology import Topology
+
+# A cubic spline's vertex moves 1/6 towards each neighbour in the limit, and 1/8 in one step.
+OF_A_SPLINE = 4 / 3
 
 Rule = Callable[[Topology], tuple[csr_matrix, Topology]]
 
@@ -63,9 +66,7 @@ def loop(topology: Topology) -> tuple[csr_matrix, Topology]:
         + diags_array(np.where(edges.inner, 0.125, 0.0)) @ across
     )
     A, degree, fixed = edges.neighbours()
-    n = np.maximum(degree, 1)
-    beta = (0.625 - (0.375 + 0.25 * np.cos(2 * np.pi / n)) ** 2) / n
-    share = np.where(fixed | (degree == 0), 0.0, beta)
+    share = np.where(fixed | (degree == 0), 0.0, _loop_share(np.maximum(degree, 1)))
     vertex_points = diags_array(1.0 - share * degree) @ eye_array(n_points) + diags_array(share) @ A
     vertex_points = vertex_points + edges.border_smoothing()
     return _result([vertex_points, edge_points], _quarters(F, edges))
@@ -174,6 +175,82 @@ def subdivide(topology: Topology, rule: str, steps: int) -> tuple[csr_matrix, To
         step, topology = RULES[rule](topology)
         W = csr_matrix(step @ W)
     return W, topology
+
+
+def loop_limit(topology: Topology) -> csr_matrix:
+    """Weigh the points that `loop`, applied for ever, would take the points to.
+
+    An inner vertex with n neighbours keeps 1 - n c of itself, and takes c of each,
+    c = 1 / (n + 3 / (8 b)), with b as in `loop`. Borders are cubic splines.
+
+    Returns
+    -------
+    (N, N) sparse
+        Points on the limit surface as sums of the points given.
+
+    References
+    ----------
+    C. T. Loop, "Smooth subdivision surfaces based on triangles", MSc thesis, University of
+    Utah, 1987.
+    """
+    n_points = topology.n_points
+    edges = _Edges.of(topology.triangles, n_points)
+    A, degree, fixed = edges.neighbours()
+    n = np.maximum(degree, 1)
+    share = np.where(fixed | (degree == 0), 0.0, 1.0 / (n + 0.375 / _loop_share(n)))
+    inner = diags_array(1.0 - n * share) @ eye_array(n_points) + diags_array(share) @ A
+    return csr_matrix(inner + OF_A_SPLINE * edges.border_smoothing())
+
+
+def catmull_clark_limit(topology: Topology) -> csr_matrix:
+    """Weigh the points that `catmull_clark`, applied for ever, would take the points to.
+
+    An inner vertex with n neighbours takes n^2 of itself, 4 of each, and 1 of each corner across a
+    face, over n (n + 5). Borders are as in `catmull_clark`.
+
+    Parameters
+    ----------
+    topology : Topology
+        Quads: what one step of `catmull_clark` makes.
+
+    Returns
+    -------
+    (N, N) sparse
+        Points on the limit surface as sums of the points given.
+
+    References
+    ----------
+    M. Halstead, M. Kass, T. DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces",
+    SIGGRAPH 1993. doi:10.1145/166117.166121
+    """
+    corners, n_points = topology.indices, topology.n_points
+    edges = _Edges.between(corners, corners[_following(topology.counts)], n_points)
+    A, degree, fixed = edges.neighbours()
+    quads = corners.reshape(-1, 4)
+    across = csr_matrix(
+        (np.ones(quads.size), (quads.ravel(), np.roll(quads, 2, axis=1).ravel())),
+        shape=(n_points, n_points),
+    )
+    n = np.maximum(degree, 1)
+    share = np.where(fixed | (degree == 0), 0.0, 1.0 / (n * (n + 5.0)))
+    inner = diags_array(1.0 - 5.0 * n * share) @ eye_array(n_points)
+    inner = inner + diags_array(share) @ (4.0 * A + across)
+    curve = np.bincount(corners, minlength=n_points) > 1
+    return csr_matrix(
+        inner + OF_A_SPLINE * diags_array(curve.astype(float)) @ edges.border_smoothing()
+    )
+
+
+LIMITS: dict[str, Callable[[Topology], csr_matrix]] = {
+    "loop": loop_limit,
+    "catmull_clark": catmull_clark_limit,
+}
+
+
+def _loop_share(n: IntArray) -> FloatArray:
+    """Return b of `loop`, for vertices with n neighbours."""
+    share: FloatArray = (0.625 - (0.375 + 0.25 * np.cos(2 * np.pi / n)) ** 2) / n
+    return share
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,7 +129,7 @@ RECORDS = [
         "subdivision",
         "Subdivision",
         "midpoint, Loop, sqrt(3) or Catmull-Clark subdivision",
-        {"scheme": "midpoint", "steps": 1},
+        {"scheme": "midpoint", "steps": 1, "limit": False},
     ),
     _record(
         "cropping",

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.subdivision import RULES, subdivide
+from meshmark.mesh.subdivision import LIMITS, RULES, subdivide
 from meshmark.mesh.topology import Topology
 from meshmark_plugins.attacks.frames import CombinePoints
-from meshmark_plugins.attacks.parameters import choice, whole
+from meshmark_plugins.attacks.parameters import choice, flag, whole
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class Subdivision:
         Midpoint leaves the surface as it is; the others smooth it.
     steps : int
         How often, in [1, 4].
+    limit : bool
+        Whether vertices are then put where subdividing for ever would take them: "loop" and
+        "catmull_clark" only.
 
     Raises
     ------
@@ -35,14 +39,18 @@ class Subdivision:
 
     scheme: str = "midpoint"
     steps: int = 1
+    limit: bool = False
 
     def __post_init__(self) -> None:
         choice("subdivision", "scheme", self.scheme, tuple(RULES))
         object.__setattr__(self, "steps", whole("subdivision", "steps", self.steps, 1, 4))
+        object.__setattr__(self, "limit", flag("subdivision", "limit", self.limit))
+        if self.limit:
+            choice("subdivision with a limit", "scheme", self.scheme, tuple(LIMITS))
 
     def apply(self, animation: MeshAnimation, rng: np.random.Generator) -> MeshAnimation:
         """Return the subdivided animation."""
-        return animation.map(SubdivideFrame(self.scheme, self.steps))
+        return animation.map(SubdivideFrame(self.scheme, self.steps, self.limit))
 
 
 @dataclass(frozen=True)
@@ -51,13 +59,17 @@ class SubdivideFrame:
 
     scheme: str
     steps: int
+    limit: bool = False
 
     def __call__(self, frame: Frame) -> Frame:
         """Return the subdivided frame."""
-        return subdivider(self.scheme, self.steps, frame.topology)(frame)
+        return subdivider(self.scheme, self.steps, self.limit, frame.topology)(frame)
 
 
 @lru_cache(maxsize=4)
-def subdivider(scheme: str, steps: int, topology: Topology) -> CombinePoints:
+def subdivider(scheme: str, steps: int, limit: bool, topology: Topology) -> CombinePoints:
     """Build the new points' weights and polygons; remembered for the topologies used last."""
-    return CombinePoints(*subdivide(topology, scheme, steps))
+    weights, finer = subdivide(topology, scheme, steps)
+    if limit:
+        weights = csr_matrix(LIMITS[scheme](finer) @ weights)
+    return CombinePoints(weights, finer)

@@ -3,11 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.subdivision import subdivide
+from meshmark.mesh.subdivision import LIMITS, subdivide
 from meshmark.mesh.topology import Topology, boundary_edges, edges
 from meshmark.metrics import surface_distance
 from meshmark.testing.attacks import AttackSuite, bending_ball, sphere
+from meshmark.testing.meshes import icosphere, plane
 from meshmark_plugins.attacks import RECORDS
 
 BY_NAME = {record.name: record for record in RECORDS}
@@ -213,3 +215,65 @@ def test_catmull_clark_keeps_a_square_grid_square():
         ).hausdorff
         < 1e-9
     )
+
+
+class TestLimitSurface(TestSubdivision):
+    @pytest.fixture
+    def parameters(self):
+        return {"scheme": "loop", "limit": True}
+
+
+def open_and_closed(scheme):
+    """A closed surface with vertices of 4, 5 and 6 neighbours, and an open one with corners."""
+    for V, F in (octahedron(), plane(4), icosphere(1)):
+        topology = Topology.from_triangles(F, len(V))
+        # The limit of Catmull and Clark's is weighed for quads.
+        W, topology = subdivide(topology, scheme, 1)
+        yield W @ V, topology
+
+
+@pytest.mark.parametrize("scheme", LIMITS)
+def test_the_limit_is_what_all_levels_go_to(scheme):
+    for V, topology in open_and_closed(scheme):
+        limit = LIMITS[scheme](topology)
+        np.testing.assert_allclose(limit.sum(axis=1), 1.0, atol=1e-12)
+        W, finer = subdivide(topology, scheme, 1)
+        # The points of the next level have the same limit: the weights are exact.
+        again = (LIMITS[scheme](finer) @ W)[: len(V)]
+        np.testing.assert_allclose((again - limit).toarray(), 0.0, atol=1e-12)
+        # What is left to go shrinks by a known share with every level.
+        far = [
+            np.abs(limit @ V - (subdivide(topology, scheme, k)[0] @ V)[: len(V)]).max()
+            for k in (1, 4)
+        ]
+        assert 0.0 < far[1] < 0.1 * far[0]
+
+
+def test_the_limit_of_a_bicubic_spline_by_hand():
+    # Of a regular lattice: (1/6, 4/6, 1/6) in both directions.
+    V, quads = quad_lattice(5)
+    limit = LIMITS["catmull_clark"](quads).toarray()[12].reshape(5, 5)
+    spline = np.array([1, 4, 1]) / 6
+    np.testing.assert_allclose(limit[1:4, 1:4], np.outer(spline, spline), atol=1e-15)
+    assert limit.sum() == pytest.approx(1.0)
+    attacked = (
+        BY_NAME["subdivision"]
+        .factory(scheme="catmull_clark", limit=True)
+        .apply(MeshAnimation.from_frames([Frame(1.0, V, quads)]), np.random.default_rng(0))[0]
+    )
+    # Linear functions are kept, away from the border.
+    inner = np.abs(attacked.points[:, :2] - 2.0).max(axis=1) < 1.0
+    assert np.abs(attacked.points[inner, 2] - attacked.points[inner, 0]).max() < 1e-12
+
+
+def quad_lattice(n):
+    y, x = np.divmod(np.arange(n * n), n)
+    V = np.stack([x, y, x], axis=1).astype(float)
+    a = np.arange(n * n).reshape(n, n)
+    quads = np.stack([a[:-1, :-1], a[:-1, 1:], a[1:, 1:], a[1:, :-1]], axis=-1).reshape(-1, 4)
+    return V, Topology(np.full(len(quads), 4), quads.ravel(), n * n)
+
+
+def test_other_rules_have_no_limit_here():
+    with pytest.raises(UsageError, match="one of loop, catmull_clark"):
+        BY_NAME["subdivision"].factory(scheme="sqrt3", limit="yes")
