@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 from pathlib import Path
@@ -12,12 +13,14 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from meshmark.errors import InputError, OutputError
 from meshmark.mesh.asset import Asset
+from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import sample_times, time_code
 from meshmark.usd.layers import copy_stage_metadata, set_value
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.primvars import different
 from meshmark.usd.variants import Choice, select, selections, write_selections
 
+CLIPS = Usd.ResolveInfoSourceValueClips
 # Points that no mesh has.
 SENTINEL = Vt.Vec3fArray([(0.25, -0.125, 1e30)])
 
@@ -68,12 +71,13 @@ def find_places(
         If something in the source is stronger than any layer can be inside a variant.
     """
     found = {str(prim.GetPath()): Place(prim.GetPath()) for prim in prims}
-    shaping, elsewhere = _shaping(original, points, found)
-    trial = _Trial(original, points.stage, list(shaping))
-    for path, choices in shaping.items():
-        chosen = tuple(choice for choice, _ in choices)
-        others = tuple(Choice(c.prim, c.set, name) for c, names in choices for name in names)
-        found[path] = Place(trial.place(path, chosen, others), chosen, others)
+    with caught(original.source):
+        shaping, elsewhere = _shaping(original, points, found)
+        trial = _Trial(original, points.stage, list(shaping))
+        for path, choices in shaping.items():
+            chosen = tuple(choice for choice, _ in choices)
+            others = tuple(Choice(c.prim, c.set, name) for c, names in choices for name in names)
+            found[path] = Place(trial.place(path, chosen, others), chosen, others)
     return {
         path: replace(place, elsewhere=frozenset(elsewhere.get(path, ())))
         for path, place in found.items()
@@ -95,24 +99,32 @@ def _shaping(
         return {}, {}
     elsewhere: dict[str, set[str]] = {path: set() for path in offered}
     matters: dict[str, set[Choice]] = {path: set() for path in offered}
+    stage = Usd.Stage.Open(original.source)
     for choice, name in pairs:
-        stage = Usd.Stage.Open(original.source)
-        select(stage, map(Choice.parse, original.variants))
-        select(stage, [Choice(choice.prim, choice.set, name)])
-        others = StagePoints(stage)
-        for path, each in offered.items():
-            if choice in matters[path] or all(choice != known for known, _ in each):
-                continue
-            own = points.of(points.stage.GetPrimAtPath(path))
-            if _alike(own, stage.GetPrimAtPath(path), others):
-                elsewhere[path] |= different(own.prim, stage.GetPrimAtPath(path))
-            else:
-                matters[path].add(choice)
+        with _selected(stage, [*original.variants, str(Choice(choice.prim, choice.set, name))]):
+            others = StagePoints(stage)
+            for path, each in offered.items():
+                if choice in matters[path] or all(choice != known for known, _ in each):
+                    continue
+                own = points.of(points.stage.GetPrimAtPath(path))
+                if _alike(own, stage.GetPrimAtPath(path), others):
+                    elsewhere[path] |= different(own.prim, stage.GetPrimAtPath(path))
+                else:
+                    matters[path].add(choice)
     shaping = {
         path: [(choice, names) for choice, names in each if choice in matters[path]]
         for path, each in offered.items()
     }
     return {path: choices for path, choices in shaping.items() if choices}, elsewhere
+
+
+@contextmanager
+def _selected(stage: Usd.Stage, variants: Iterable[str]) -> Iterator[None]:
+    """Select variants in the session layer of a stage meanwhile; of one set, the last."""
+    before = stage.GetSessionLayer().ExportToString()
+    select(stage, map(Choice.parse, variants))
+    yield
+    stage.GetSessionLayer().ImportFromString(before)
 
 
 def _alike(own: MeshPoints, prim: Usd.Prim, others: StagePoints) -> bool:
@@ -121,12 +133,23 @@ def _alike(own: MeshPoints, prim: Usd.Prim, others: StagePoints) -> bool:
         return False
     try:
         theirs = others.of(prim)
+        if own.rig is None and theirs.rig is None and _opinions(own.prim) == _opinions(prim):
+            return True
         times = own.times()
         return np.array_equal(times, theirs.times(), equal_nan=True) and all(
             np.array_equal(own.local(time), theirs.local(time)) for time in times.tolist()
         )
     except InputError:
         return False
+
+
+def _opinions(prim: Usd.Prim) -> object:
+    """Return what tells where the points of a mesh come from; never equal for value clips."""
+    points = UsdGeom.Mesh(prim).GetPointsAttr()
+    if points.GetResolveInfo(Usd.TimeCode.EarliestTime()).GetSource() == CLIPS:
+        return object()
+    specs = points.GetPropertyStackWithLayerOffsets()
+    return [(spec.layer.identifier, spec.path, offset) for spec, offset in specs]
 
 
 def _is_mesh(prim: Usd.Prim) -> bool:
@@ -172,9 +195,8 @@ class _Trial:
         set_value(self._layer, points.path, time, SENTINEL)
         wins = self._shows(path, time)
         for each in others:
-            select(self._stage, [each])
-            wins = wins and not self._shows(path, time)
-            self._stage.GetSessionLayer().Clear()
+            with _selected(self._stage, [str(each)]):
+                wins = wins and not self._shows(path, time)
         self._layer.ImportFromString(self._own)
         return wins
 
