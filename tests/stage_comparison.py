@@ -10,7 +10,9 @@ import numpy as np
 from pxr import Sdf, Usd
 
 # What hangs on points that were moved.
-MOVED = frozenset({"points", "extent", "normals", "velocities", "primvars:normals"})
+MOVED = frozenset(
+    {"points", "extent", "normals", "velocities", "accelerations", "primvars:normals"}
+)
 EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
 # A root layer's notes on itself, which USD shows as if they were the stage's.
 OF_THE_LAYER = frozenset({"customLayerData", "documentation", "comment"})
