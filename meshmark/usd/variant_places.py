@@ -163,7 +163,7 @@ class _Trial:
         self._source = original.source
         self._layer = Sdf.Layer.CreateAnonymous(".usda")
         copy_stage_metadata(stage.GetRootLayer(), self._layer)
-        self._layer.subLayerPaths.append(str(Path(original.source).absolute()))
+        self._layer.subLayerPaths.append(Path(original.source).absolute().as_posix())
         write_selections(self._layer, map(Choice.parse, original.variants))
         self._stage = Usd.Stage.OpenMasked(self._layer, Usd.StagePopulationMask(paths))
         self._own = self._layer.ExportToString()

@@ -15,6 +15,8 @@ _ASKED = re.compile(
     r"(?:(?P<prim>/[^{}]+)\{(?P<s>[^{}=]+)=(?P<n>[^{}=]+)\}|(?P<set>[^/{}=][^{}=]*)=(?P<name>[^{}=]+))"
 )
 MOST_TOLD = 10
+# Sets may lie in variants of others, and these in variants of others again.
+DEEPEST = 100
 
 
 @dataclass(frozen=True, order=True)
@@ -81,7 +83,7 @@ def chosen(stage: Usd.Stage, asked: Sequence[str], *, strict: bool = True) -> tu
     wanted = sorted(map(Choice.parse, asked), key=lambda each: each.prim != "")
     selected: dict[tuple[str, str], Choice] = {}
     met: set[Choice] = set()
-    while True:
+    for _ in range(DEEPEST):
         found: dict[tuple[str, str], Choice] = {}
         for prim, name, variants in list(_sets(stage)):
             path = str(prim.GetPath())

@@ -87,6 +87,7 @@ def test_other_commands_read_it(run):
             "a variant is SET=NAME or PRIM{SET=NAME}",
         ),
         (("inspect", "ball.gltf", "--trusted", *HIGH), "ball.gltf: its reader takes no variants"),
+        (("inspect", "ball.obj", "--trusted", *HIGH), "ball.obj: its reader takes no variants"),
         (("embed", "ball.gltf", "-o", "o.usdc", *MARK, *HIGH), "its reader takes no variants"),
         (("verify", "ball.gltf", *MARK, *HIGH), "--variant is for USD files"),
         (("verify", "scene.usda", *MARK, *HIGH, "--evidence", "e"), "it takes no --clip, --fps or"),
@@ -94,6 +95,7 @@ def test_other_commands_read_it(run):
 )
 def test_what_cannot_be_done_is_one_line(run, arguments, wanted):
     ball().save(Path("ball.gltf"))
+    Path("ball.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     code, out, told = run(*arguments)
     assert (code, out) == (2, "")
     assert wanted in told

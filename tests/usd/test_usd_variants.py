@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd, UsdUtils
 
 from composed_stages import ARCS, CUBE, sets, variant, write
 from meshmark.errors import OutputError, UsageError
@@ -123,6 +123,33 @@ def test_what_wins_over_every_variant_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"/a/m: its shape depends on /a\{lod=low\}"):
         write_override(original, moved(original), tmp_path / "o.usda")
     assert not (tmp_path / "o.usda").exists()
+
+
+def test_a_package_has_variants_too(tmp_path: Path) -> None:
+    layer = ARCS["variants_of_shape"](tmp_path, CUBE)
+    package = tmp_path / "scene.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(layer), str(package))
+    Path(layer).unlink()
+    original = read_stage(str(package), variants=["lod=high"])
+    done = write_override(original, moved(original), tmp_path / "o.usda")
+    assert done.in_variants["/M/m"].variants == (Choice("/M", "lod", "high"),)
+    for before, after in zip(
+        moved(original).meshes[0], read_stage(str(tmp_path / "o.usda")).meshes[0], strict=True
+    ):
+        np.testing.assert_allclose(after.points, before.points, rtol=0, atol=1e-5)
+
+
+def test_a_set_that_each_variant_shows_one_deeper(tmp_path: Path) -> None:
+    """Prims that are there only because a variant above is selected are asked as well."""
+    body = CUBE.mesh()
+    for name in "cba":
+        levels = variant("high", body) + variant("low", "")
+        body = f"""
+        def Xform "{name}" {sets("lod", lod="low")} {{ variantSet "lod" = {{ {levels} }} }}
+        """
+    asset = read_stage(write(tmp_path / "a.usda", body), variants=["lod=high"])
+    assert asset.variants == ("/a{lod=high}", "/a/b{lod=high}", "/a/b/c{lod=high}")
+    assert [mesh.prim for mesh in asset.meshes] == ["/a/b/c/m"]
 
 
 @pytest.mark.parametrize(
