@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,9 @@ from meshmark.errors import UsageError
 from meshmark.mesh.open3d_import import load_open3d
 
 Image = NDArray[np.uint8]
+
+# Colours of points, given their faces and barycentric coordinates.
+Paint = Callable[[IntArray, FloatArray], FloatArray]
 
 CLAY = (0.72, 0.68, 0.62)
 
@@ -64,7 +68,7 @@ def render_frame(
     V: FloatArray,
     F: IntArray,
     *,
-    colors: ArrayLike | None = None,
+    colors: ArrayLike | Paint | None = None,
     view: View | None = None,
     size: tuple[int, int] = (960, 640),
     samples: int = 2,
@@ -77,8 +81,9 @@ def render_frame(
         Vertex positions.
     F : (F, 3) int
         Triangles.
-    colors : (F, 3) float, optional
-        Colour of each face, 0 to 1; clay if not given.
+    colors : (F, 3) float, or callable, optional
+        Colour of each face, 0 to 1; or what returns the colours (n, 3) of points, given their faces
+        (n,) and barycentric coordinates (n, 3). Clay if not given.
     view : View, optional
         Camera; a slightly raised three-quarter view fitted to the mesh if not given. Give
         `center` and `span` to hold the camera still over an animation.
@@ -100,10 +105,7 @@ def render_frame(
     width, height = size
     if width < 1 or height < 1 or samples < 1:
         raise UsageError("a picture needs a positive size and at least one sample a pixel")
-    shades = np.asarray(CLAY if colors is None else colors, dtype=np.float64)
-    shades = np.broadcast_to(shades, (len(F), 3)) if colors is None else shades
-    if shades.shape != (len(F), 3):
-        raise UsageError(f"colors must be ({len(F)}, 3), one for each face, not {shades.shape}")
+    paint = colors if callable(colors) else _by_face(F, colors)
     view = view or View()
     axes = view.axes()
     origins = _camera_rays(V, axes, view, (width * samples, height * samples))
@@ -112,9 +114,18 @@ def render_frame(
     picture = np.ones((len(origins), 3))
     seen = hit >= 0
     normals = _normals_at(V, F, hit[seen], uv[seen])
-    picture[seen] = shades[hit[seen]] * studio.light(points[seen], normals)[:, None]
+    weights = np.column_stack([1 - uv[seen].sum(axis=1), uv[seen]])
+    picture[seen] = paint(hit[seen], weights) * studio.light(points[seen], normals)[:, None]
     picture = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     return np.round(255.0 * np.clip(picture, 0.0, 1.0) ** (1.0 / _GAMMA)).astype(np.uint8)
+
+
+def _by_face(F: IntArray, colors: ArrayLike | None) -> Paint:
+    shades = np.asarray(CLAY if colors is None else colors, dtype=np.float64)
+    shades = np.broadcast_to(shades, (len(F), 3)) if colors is None else shades
+    if shades.shape != (len(F), 3):
+        raise UsageError(f"colors must be ({len(F)}, 3), one for each face, not {shades.shape}")
+    return lambda face, _: shades[face]
 
 
 def _camera_rays(V: FloatArray, axes: FloatArray, view: View, grid: tuple[int, int]) -> FloatArray:

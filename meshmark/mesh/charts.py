@@ -217,8 +217,13 @@ def cut_along_seams(F: IntArray, corners: IntArray, vertices: IntArray, same: In
 
 def equal_rows(values: NDArray[np.generic]) -> IntArray:
     """Return numbers (n,) int that are equal where rows (n, k) are."""
-    _, number = np.unique(values, axis=0, return_inverse=True)
-    return number.reshape(-1).astype(np.int64)
+    number = np.zeros(len(values), dtype=np.int64)
+    # Sorting numbers is several times quicker than sorting rows.
+    for column in values.T:
+        _, each = np.unique(column, return_inverse=True)
+        code = number * (int(each.max(initial=0)) + 1) + each
+        _, number = np.unique(code, return_inverse=True)
+    return number.astype(np.int64)
 
 
 def turned_along(vectors: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

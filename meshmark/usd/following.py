@@ -15,10 +15,8 @@ from meshmark.mesh.geometry import normalized
 from meshmark.usd.authoring import MarkedFrames
 from meshmark.usd.layers import StreamedLayer
 from meshmark.usd.points import MeshPoints
-from meshmark.usd.primvars import Hanging, hanging_on
+from meshmark.usd.primvars import LOOKED_AT, Hanging, hanging_on, spread
 
-# Frames that are looked at to decide whether one value does for all.
-LOOKED_AT = 12
 # One value does for all frames where it leaves a tenth of what would be off without it, or as
 # much of the values' range as a tenth of a texel is of a map 4096 wide.
 SHARE = 0.1
@@ -66,7 +64,7 @@ def author_followed(
     followers = [Follower(each) for each in found if each.name not in kept and not is_copy(each)]
     if not followers:
         return
-    for index in _spread(frames.marked, LOOKED_AT):
+    for index in spread(frames.marked, LOOKED_AT):
         slide = Slide(*frames.read(index))
         for follower in followers:
             follower.look(frames.times[index], slide)
@@ -205,9 +203,3 @@ class Follower:
         if hanging.is_unit:
             after = normalized(after)
         return before, np.where(touched[:, None], after, before)
-
-
-def _spread(indices: Sequence[int], most: int) -> list[int]:
-    """Choose at most so many, evenly spaced, the first and the last among them."""
-    places = np.linspace(0, len(indices) - 1, min(len(indices), most))
-    return [indices[place] for place in np.round(places).astype(int)]

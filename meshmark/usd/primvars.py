@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
@@ -30,6 +30,10 @@ NORMALS = ("normals", "primvars:normals")
 SKINNING = "primvars:skel:"
 # Unit vectors have this length, to the rounding of half precision.
 UNIT = 2e-3
+# As many of the times of an animation as tell what it is like.
+LOOKED_AT = 12
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,15 +173,20 @@ def hanging_on(points: MeshPoints, *, posed: bool) -> list[Hanging]:
     found = []
     for attribute, interpolation in _offered(points.prim):
         by_point = interpolation in BY_POINT
-        values = _samples(attribute, n_points if by_point else len(vertices))
-        if values is None:
+        if not _fits(attribute, n_points if by_point else len(vertices)):
             continue
-        layout = whole if by_point else _by_corner(F, counts, vertices, values)
+        layout = whole if by_point else _by_corner(F, counts, vertices, attribute)
         rig = points.rig if posed and attribute.GetName() in NORMALS else None
         if rig is not None and skinned_normals(rig, first, attribute) is None:
             rig = None
         found.append(Hanging(attribute, interpolation, layout, rig))
     return found
+
+
+def spread(times: Sequence[T], most: int) -> list[T]:
+    """Choose at most so many of several, evenly spaced, the first and the last among them."""
+    places = np.linspace(0, len(times) - 1, min(len(times), most))
+    return [times[place] for place in np.round(places).astype(int)]
 
 
 def different(prim: Usd.Prim, other: Usd.Prim) -> set[str]:
@@ -211,29 +220,32 @@ def _offered(prim: Usd.Prim) -> Iterator[tuple[Usd.Attribute, str]]:
             yield primvar.GetAttr(), primvar.GetInterpolation()
 
 
-def _samples(attribute: Usd.Attribute, n: int) -> list[FloatArray] | None:
-    """Return the values (n, k) at all times at which they are sampled; None if any is unfit."""
+def _fits(attribute: Usd.Attribute, n: int) -> bool:
+    """Tell whether an attribute has finite floats for n elements at all times."""
     primvar = UsdGeom.Primvar(attribute)
     size = n * (primvar.GetElementSize() if primvar else 1)
-    found, kinds = [], set()
+    kinds = set()
     for time in _times(attribute) or [np.nan]:
         value = _flat(attribute, time)
         kinds.add(type(value))
         if not isinstance(value, FLOATS) or len(value) != size or len(kinds) > 1:
-            return None
-        found.append(np.asarray(value, dtype=np.float64).reshape(n, -1))
-        if not np.all(np.isfinite(found[-1])):
-            return None
-    return found
+            return False
+        if not np.all(np.isfinite(np.asarray(value))):
+            return False
+    return True
 
 
 def _by_corner(
-    F: IntArray, counts: IntArray, vertices: IntArray, values: list[FloatArray]
+    F: IntArray, counts: IntArray, vertices: IntArray, attribute: Usd.Attribute
 ) -> Layout:
-    """Lay values of corners out: neighbours that are equal at all times have one row."""
+    """Lay values of corners out: neighbours that are equal have one row.
+
+    Equal at the times that are looked at: a seam that opens at one time is there at most others.
+    """
     same = np.zeros(len(vertices), dtype=np.int64)
-    for each in values:
-        same = equal_rows(np.column_stack([same, equal_rows(each)]))
+    for time in spread(_times(attribute), LOOKED_AT) or [np.nan]:
+        values = np.asarray(_flat(attribute, time)).reshape(len(vertices), -1)
+        same = equal_rows(np.column_stack([same, equal_rows(values)]))
     corners = triangulate(counts, np.arange(len(vertices)))
     rows = cut_along_seams(F, corners, vertices, same)
     elements = np.unique(rows, return_index=True)[1]

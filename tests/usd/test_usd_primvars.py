@@ -34,6 +34,7 @@ from usd_sheets import (
     elements,
     flat,
     growing,
+    slid,
     value,
     vectors,
     written,
@@ -56,6 +57,19 @@ def test_on_a_plane_coordinates_are_the_new_place(tmp_path: Path, interpolation:
     assert attribute.GetTimeSamples() == [*TIMES]
     mean = V[:, :2] + SLIDE[:, :2] * 4 / 3
     np.testing.assert_allclose(value(out, "primvars:st"), mean[rows], atol=1e-6)
+
+
+def test_frames_that_are_not_marked_keep_their_bits(tmp_path: Path) -> None:
+    sheet = Sheet(tmp_path / "s.usda", flat())
+    sheet.primvar("st", T.TexCoord2fArray, "faceVarying", vectors(PAIRS[F.ravel()], "Vec2f"))
+    original = read_stage(sheet.save())
+    marked = slid(original, lambda _: SLIDE)
+    one = replace(marked, meshes=(marked.meshes[0].select([1]),))
+    write_override(original, one, tmp_path / "o.usda")
+    out = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    for time in TIMES:
+        same = value(out, "primvars:st", time) == PAIRS[F.ravel()].astype(np.float32)
+        assert same.all() == (time != TIMES[1])
 
 
 def test_a_slide_that_stays_the_same_needs_no_samples(tmp_path: Path) -> None:
