@@ -24,6 +24,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from apex_figures import save
 from measuring import REPOSITORY
 from meshmark import Key
 from meshmark.arrays import FloatArray, IntArray
@@ -180,7 +181,7 @@ def draw(path: Path, folder: Path) -> None:
         column[0].set_title(title, fontsize=11)
         for spine in column[1].spines.values():
             spine.set(color=RED, linewidth=2)
-    figure.savefig(path, dpi=100)
+    save(figure, path)
 
 
 def focus(V: FloatArray, F: IntArray, drift: FloatArray, width: float) -> FloatArray:
@@ -212,7 +213,7 @@ def main() -> None:
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
-        print("| file | coordinates | keep | one value | follow | of keep | CPU |")
+        print("| file | coordinates | keep | one value | follow | share left | CPU |")
         print("|---|---|---|---|---|---|---|")
         for file in options.files:
             print(row(file, Path(name)), flush=True)

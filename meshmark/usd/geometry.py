@@ -191,6 +191,11 @@ def shapes(prim: Usd.Prim, times: FloatArray) -> list[Hashable | None]:
     return found
 
 
+def connectivity_changes(prim: Usd.Prim, times: FloatArray) -> bool:
+    """Tell whether a mesh has other faces, or another number of points, at some of its times."""
+    return faces_vary(prim) and len({*shapes(prim, times)}) > 1
+
+
 def _shape(kind: tuple[type, int], mesh: UsdGeom.Mesh, code: Usd.TimeCode) -> Hashable | None:
     try:
         return kind[0], Topology.fit(*polygons(mesh, code), kind[1]).digest()

@@ -14,7 +14,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.charts import Charts, cut_along_seams, equal_rows
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import triangulate
-from meshmark.usd.geometry import faces_vary, polygons, shapes, time_code
+from meshmark.usd.geometry import connectivity_changes, polygons, time_code
 from meshmark.usd.points import MeshPoints
 from meshmark.usd.skinned_normals import BY_POINT, skinned_normals
 from meshmark.usd.skinning import Rig
@@ -164,7 +164,7 @@ def hanging_on(points: MeshPoints, *, posed: bool) -> list[Hanging]:
     posed : bool
         Whether normals are wanted as a rig turns them.
     """
-    if faces_vary(points.prim) and len({*shapes(points.prim, points.times())}) > 1:
+    if connectivity_changes(points.prim, points.times()):
         return []
     counts, vertices = polygons(UsdGeom.Mesh(points.prim), Usd.TimeCode.EarliestTime())
     n_points, first = len(points.local(points.times()[0])), points.times()[0]

@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom
 from meshmark.arrays import FloatArray
 from meshmark.mesh.precision import stored
 from meshmark.usd.authoring import MarkedFrames
-from meshmark.usd.geometry import POINT_ARRAYS, time_code
+from meshmark.usd.geometry import POINT_ARRAYS, connectivity_changes, time_code
 from meshmark.usd.layers import StreamedLayer
 from meshmark.usd.points import MeshPoints
 
@@ -24,8 +24,9 @@ def author_velocities(
 ) -> None:
     """Add to velocities and accelerations of a prim what the move of its points adds over time.
 
-    They are written at the times of the points, for which USD defines them. Where they are missing,
-    do not fit the points, or the points do not move with time, nothing is written.
+    They are written at the times of the points, for which USD defines them. Nothing
+    is written where they are missing or do not fit the points, where these do not move with time,
+    are moved by a rig, or have other faces at other times.
 
     Parameters
     ----------
@@ -39,14 +40,16 @@ def author_velocities(
         Its points before and after.
     """
     mesh, times = UsdGeom.Mesh(points.prim), frames.times
+    # A rig does not move the velocities of a rest pose.
+    if points.rig is not None or len(times) < 2:
+        return
+    if connectivity_changes(points.prim, points.times()):
+        return
     offered = [
         (attribute, order)
         for order, attribute in ((1, mesh.GetVelocitiesAttr()), (2, mesh.GetAccelerationsAttr()))
         if _fits(attribute, times, len(points.local(times[0])))
     ]
-    # A rig does not move the velocities of a rest pose.
-    if points.rig is not None or len(times) < 2:
-        return
     for attribute, order in offered:
         scale = points.prim.GetStage().GetTimeCodesPerSecond() ** order
         if not any(np.any(rates[order]) for rates in _rates(frames)):

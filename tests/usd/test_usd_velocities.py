@@ -9,16 +9,7 @@ import pytest
 
 from meshmark.usd.velocities import derivatives
 from meshmark.usd.writing import write_override
-from usd_sheets import (
-    SLIDE,
-    WRITERS,
-    Sheet,
-    V,
-    flat,
-    value,
-    vectors,
-    written,
-)
+from usd_sheets import PAIRS, SLIDE, WRITERS, F, Sheet, T, V, flat, growing, value, vectors, written
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -60,3 +51,15 @@ def test_derivatives_of_two_samples_are_those_of_a_line() -> None:
     for _, first, second in rows:
         assert first.tolist() == [0.5, 0.0]
         assert second.tolist() == [0.0, 0.0]
+
+
+def test_other_faces_at_other_times_leave_all_as_it_is(tmp_path: Path) -> None:
+    sheet = Sheet(tmp_path / "s.usda", flat())
+    sheet.mesh.CreateVelocitiesAttr(vectors(np.ones_like(V)))
+    sheet.primvar("st", T.TexCoord2fArray, "vertex", vectors(PAIRS, "Vec2f"))
+    indices = sheet.mesh.GetFaceVertexIndicesAttr()
+    for time, faces in ((1.0, F), (2.0, F[::-1])):
+        indices.Set(faces.ravel().tolist(), time)
+    out = written(sheet.save(), write_override, growing)
+    names = {spec.name for spec in out.GetRootLayer().GetPrimAtPath("/sheet").properties}
+    assert names == {"points", "extent"}
