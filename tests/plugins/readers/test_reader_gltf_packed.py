@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from gltf_files import QUAD, QUAD_FACES, GltfFile, ball, draco_quad
 from gltf_writing import bounds, mark
-from meshmark.errors import InputError
+from meshmark.errors import InputError, UsageError
 from meshmark.sources.writing import writer
 from meshmark_plugins.readers.gltf.container import read_container
 from meshmark_plugins.readers.gltf.reader import GltfReader
@@ -81,6 +82,22 @@ def test_compressed_views_are_compressed_again(tmp_path, extension, fallback):
             points.min(0).tolist(),
             points.max(0).tolist(),
         ]
+
+
+def test_what_cannot_be_compressed_again_is_refused_before_any_work(tmp_path, monkeypatch):
+    made = packed_ball(fallback=True)
+    source = made.save(tmp_path / "plain.glb")
+    asset = GltfReader().read(source)
+    [view] = [view for view in made.json["bufferViews"] if "extensions" in view]
+    view["extensions"]["KHR_meshopt_compression"] = view["extensions"][MESHOPT]
+    made.save(tmp_path / "plain.glb")
+    with pytest.raises(UsageError, match="is not compressed as positions are"):
+        writer(asset, tmp_path / "marked.glb")
+    del view["extensions"]["KHR_meshopt_compression"]
+    made.save(tmp_path / "plain.glb")
+    monkeypatch.setitem(sys.modules, "meshopt", None)
+    with pytest.raises(InputError, match=r"the package meshopt is not installed: pip"):
+        writer(asset, tmp_path / "marked.glb")
 
 
 def noisy(asset):

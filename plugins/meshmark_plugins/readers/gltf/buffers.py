@@ -10,10 +10,9 @@ from meshmark.errors import InputError
 from meshmark.files.reading import opened
 from meshmark_plugins.readers.gltf.container import Container
 from meshmark_plugins.readers.gltf.element import Element
+from meshmark_plugins.readers.gltf.meshopt import EXTENSIONS as MESHOPT
 from meshmark_plugins.readers.gltf.meshopt import decompressed
 from meshmark_plugins.readers.gltf.uris import embedded, file_beside
-
-MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 
 class Buffers:

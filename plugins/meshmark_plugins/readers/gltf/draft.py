@@ -9,8 +9,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from meshmark.errors import UsageError
-from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
+from meshmark_plugins.readers.gltf.buffers import Buffers
 from meshmark_plugins.readers.gltf.container import Container, copied
+from meshmark_plugins.readers.gltf.meshopt import EXTENSIONS as MESHOPT
 from meshmark_plugins.readers.gltf.meshopt import compressed
 from meshmark_plugins.readers.gltf.rows import BUFFERS, VIEWS, Rows
 

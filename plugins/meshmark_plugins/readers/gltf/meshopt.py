@@ -10,6 +10,7 @@ from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.extra import missing
 
+EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 
@@ -86,10 +87,20 @@ def compressed(data: bytes, stride: int) -> bytes:
     return bytes(encode_gltf_buffer(rows, "ATTRIBUTES"))
 
 
-def writable(packed: Element) -> bool:
-    """Tell whether a view can be encoded again: whether it is of attributes, of sound size.
+def writable(view: Element, packed: Element) -> bool:
+    """Tell whether a view can be encoded again: once, of attributes, and of sound size.
 
     Its count and stride were compared with its length when it was decoded.
+
+    Raises
+    ------
+    InputError
+        If the encoder is not installed.
     """
+    try:
+        import meshopt  # noqa: F401
+    except ImportError:
+        raise missing(packed.place, "meshoptimizer", "meshopt") from None
+    once = sum(name in view.object("extensions") for name in EXTENSIONS) == 1
     stride = packed.integer("byteStride", low=1, high=256)
-    return packed.one_of("mode", MODES) == "ATTRIBUTES" and stride % 4 == 0
+    return once and packed.one_of("mode", MODES) == "ATTRIBUTES" and stride % 4 == 0

@@ -14,12 +14,13 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import InputError, UsageError
 from meshmark.mesh.precision import stored
 from meshmark_plugins.readers.gltf.accessors import Accessors
-from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
+from meshmark_plugins.readers.gltf.buffers import Buffers
 from meshmark_plugins.readers.gltf.container import Container
 from meshmark_plugins.readers.gltf.draco import EXTENSION as DRACO
 from meshmark_plugins.readers.gltf.draft import Draft
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.geometry import POSITION
+from meshmark_plugins.readers.gltf.meshopt import EXTENSIONS as MESHOPT
 from meshmark_plugins.readers.gltf.meshopt import writable
 from meshmark_plugins.readers.gltf.rows import BUFFERS, VIEWS, Rows
 
@@ -119,8 +120,8 @@ class _Finder:
         rows = [self._within(each) for each in self.accessors.rows(index)]
         for each in rows:
             packed = self._packed(each)
-            if packed is not None and not writable(packed):
-                _refuse(packed.place, "is not of attributes, as positions are")
+            if packed is not None and not writable(self.buffers.views[each.within[1]], packed):
+                _refuse(packed.place, "is not compressed as positions are")
         if "bufferView" in accessor:
             dense = rows[0]
         if "sparse" in accessor:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from meshmark.errors import InputError, UsageError
 from meshmark_plugins.readers.gltf.accessors import Accessors, stored_type
-from meshmark_plugins.readers.gltf.buffers import MESHOPT, Buffers
+from meshmark_plugins.readers.gltf.buffers import Buffers
 from meshmark_plugins.readers.gltf.container import Container, copied
 from meshmark_plugins.readers.gltf.draco import EXTENSION as DRACO
 from meshmark_plugins.readers.gltf.draco import draco_mesh, not_installed
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.geometry import POSITION, TRIANGLES
+from meshmark_plugins.readers.gltf.meshopt import EXTENSIONS as MESHOPT
 
 QUANTIZATION = "KHR_mesh_quantization"
 FLOAT, UNSIGNED = 5126, 5125
