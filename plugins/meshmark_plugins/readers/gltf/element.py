@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn, overload
 
 from meshmark.errors import InputError
@@ -188,7 +188,12 @@ class Elements(Sequence[Element]):
     def __getitem__(self, index: int | slice) -> Element | Sequence[Element]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        value = self._values[index]
+        return self._element(self._values[index], index)
+
+    def __iter__(self) -> Iterator[Element]:
+        return map(self._element, self._values, range(len(self._values)))
+
+    def _element(self, value: Any, index: int) -> Element:
         found = Element(value, self._parent, self._step, index)
         if type(value) is not dict:
             raise InputError(f"{found.place} is {_shown(value)}, not an object")
