@@ -69,6 +69,17 @@ def test_a_buffer_that_is_missing_is_named_before_any_work(tmp_path):
         writer(asset, tmp_path / "marked.gltf")
 
 
+def test_of_several_files_all_are_written_or_none(tmp_path):
+    source = buffer_file(tmp_path, quad())
+    asset = GltfReader().read(source)
+    before = set(tmp_path.iterdir())
+    # The name of the file itself would fit, that of its buffer does not.
+    output = tmp_path / f"{'x' * 248}.gltf"
+    with pytest.raises(OutputError, match="cannot be written"):
+        GltfReader().write(shifted(asset), asset, output)
+    assert set(tmp_path.iterdir()) == before
+
+
 def test_data_in_the_text_stays_in_the_text(tmp_path):
     made = quad()
     source = made.save(tmp_path / "plain.gltf")

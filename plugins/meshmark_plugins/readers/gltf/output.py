@@ -5,11 +5,12 @@ from __future__ import annotations
 import binascii
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from meshmark.files.atomic import write_bytes
+from meshmark.files.atomic import beside
 from meshmark.files.places import data_file
 from meshmark_plugins.readers.gltf.container import (
     BINARY_SUFFIX,
@@ -69,10 +70,18 @@ def write_document(
             buffer["uri"] = quote(path.name)
     _keep_images(root, folder, output.parent)
     text = spelled(root, None if binary else INDENT)
-    whole = binary_form(text, chunk, container.others) if binary else text
-    for path, content in files.items():
-        write_bytes(content, path)
-    write_bytes(whole, output)
+    files[output] = binary_form(text, chunk, container.others) if binary else text
+    _put_in_place(files)
+
+
+def _put_in_place(files: Mapping[Path, bytes]) -> None:
+    """Write files, and put them where they belong when all are written."""
+    with ExitStack() as stack:
+        places = {path: stack.enter_context(beside(path)) for path in files}
+        for path, content in files.items():
+            places[path].write_bytes(content)
+        for path, place in places.items():
+            place.replace(path)
 
 
 def files_beside(output: Path, root: Element) -> list[Path]:
