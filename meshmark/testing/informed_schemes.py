@@ -52,7 +52,7 @@ from meshmark.testing.schemes import analysed, assert_equal, assert_sound
 
 WHOSE = "somebody"
 # Random words and keys tried on what bears no mark of theirs, and how often they may fit.
-WORDS, KEYS = 2000, 50
+WORDS, KEYS = 2000, 25
 RATES = (0.1, 0.01)
 # Noise of a copy, as a share of the diagonal.
 NOISE = 1e-4
