@@ -20,7 +20,7 @@ TOGETHER = 0.75
 SHORT_LIST = 16
 # Recipients that are looked for in single vertices: those whose words fit best, of whom chips have
 # not said enough; and the share of the rate that this has.
-VERTEX_LIST, ENOUGH = 64, -20.0
+VERTEX_LIST, ENOUGH = 256, -20.0
 VERTEX_SHARE = 0.1
 
 
