@@ -9,7 +9,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, Vt
 
 from meshmark import verify
 from meshmark.commands.inspect import inspect_asset
@@ -98,6 +98,13 @@ def test_the_manifest_tells_of_all_frames(marked: Marked) -> None:
 @pytest.mark.parametrize("name", ["out.usdc", "over.usda"])
 def test_only_points_are_moved(tmp_path: Path, name: str) -> None:
     source, output = stage(tmp_path / "s.usda", ["ball", "ring", "ring"]), tmp_path / name
+    opened = Usd.Stage.Open(str(source))
+    mesh = UsdGeom.Mesh(opened.GetPrimAtPath(PRIM))
+    for time in (1, 2, 3):
+        upward = Vt.Vec3fArray(len(mesh.GetPointsAttr().Get(time)), Gf.Vec3f(0, 1, 0))
+        for attribute in (mesh.CreateVelocitiesAttr(), mesh.CreateNormalsAttr()):
+            attribute.Set(upward, time)
+    opened.Save()
     mark_file(source, output, KEY, recipe=BLIND, deliver=name == "out.usdc")
     stages = [Usd.Stage.Open(str(each)) for each in (source, output)]
     before, after = (UsdGeom.Mesh(each.GetPrimAtPath(PRIM)) for each in stages)
@@ -105,6 +112,9 @@ def test_only_points_are_moved(tmp_path: Path, name: str) -> None:
     for time in (1, 2, 3):
         faces = [each.GetFaceVertexIndicesAttr().Get(time) for each in (before, after)]
         assert np.array_equal(*faces)
+        for hanging in ("velocities", "normals"):
+            left = [each.GetPrim().GetAttribute(hanging).Get(time) for each in (before, after)]
+            assert left[0] == left[1]
         P, Q = (np.array(each.GetPointsAttr().Get(time)) for each in (before, after))
         assert P.shape == Q.shape
         assert 0 < np.abs(P - Q).max() < 0.03 * np.ptp(P, axis=0).max()
