@@ -115,7 +115,8 @@ class MeshAlignment:
     Parameters
     ----------
     copy : tuple of MeshAnimation
-        The meshes of the copy that lie on it: one, or several into which it was split.
+        The meshes of the copy that lie on it: one, or several into which it was split; or pieces of
+        a mesh that several were joined to.
     original : MeshAnimation
     method : {"identity", "reposed", "pca", "features"}
         How it was found. "identity": vertex i of the copy is vertex i of the original.
@@ -128,6 +129,11 @@ class MeshAlignment:
     original: MeshAnimation
     method: str
     frames: tuple[FramePlacement, ...]
+
+    @property
+    def prims(self) -> tuple[str, ...]:
+        """The meshes of the copy's file that lie on it, or pieces of them."""
+        return tuple(dict.fromkeys(mesh.prim for mesh in self.copy))
 
     @property
     def residual(self) -> float:

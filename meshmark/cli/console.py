@@ -6,7 +6,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -34,6 +34,25 @@ def few(texts: Sequence[str], every: bool = False, tell: Callable[[str], None] =
         tell(text)
     if shown < len(texts):
         tell(f"and {len(texts) - shown} more; --all lists them")
+
+
+def by_text(remarks: Iterable[tuple[str, str]]) -> list[str]:
+    """Say what is said of several prims once: `/A, /B and 3 more: text`.
+
+    Parameters
+    ----------
+    remarks : iterable of (str, str)
+        A prim, and what is said of it.
+    """
+    prims: dict[str, list[str]] = {}
+    for prim, text in remarks:
+        prims.setdefault(text, []).append(prim)
+    return [f"{_listed(names)}: {text}" for text, names in prims.items()]
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:FEW])
+    return f"{shown} and {len(names) - FEW} more" if len(names) > FEW else shown
 
 
 def complain(text: str) -> None:

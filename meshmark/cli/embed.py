@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from meshmark.cli.console import few, frame_progress, put_json, say, warn
+from meshmark.cli.console import by_text, few, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -156,10 +157,11 @@ def embed(
     document = manifest.document
     if json:
         put_json(document)
-    _tell(document, dry_run)
+    _tell(document, dry_run, every)
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
     _tell_delivery(document.get("delivery"), every)
-    few([f"{each['prim']}: not marked: {each['reason']}" for each in document["skipped"]], every)
+    skipped = [(each["prim"], f"not marked: {each['reason']}") for each in document["skipped"]]
+    few(_remarks(skipped, every), every)
     found = document["verification"]
     if found["verdict"] != "marked":
         warn(
@@ -181,14 +183,24 @@ def _name(text: str) -> str:
     return named
 
 
-def _tell(document: dict[str, Any], dry_run: bool) -> None:
+def _remarks(remarks: Sequence[tuple[str, str]], every: bool) -> list[str]:
+    """Say of each prim, or once of all, what is said of it."""
+    return [f"{prim}: {text}" for prim, text in remarks] if every else by_text(remarks)
+
+
+def _tell(document: dict[str, Any], dry_run: bool, every: bool) -> None:
+    missing = [
+        (prim["prim"], f"no mark by {layer['scheme']}: {layer['reason']}")
+        for prim in document["prims"]
+        for layer in prim["missing"]
+    ]
+    for text in _remarks(missing, every):
+        warn(text)
     for prim in document["prims"]:
         for note in prim["notes"]:
             warn(f"{prim['prim']}: {note}")
         for frame in prim["passed_over"]:
             warn(f"{prim['prim']}: frame {frame['time']:g} stays as it is: {frame['reason']}")
-        for layer in prim["missing"]:
-            warn(f"{prim['prim']}: no mark by {layer['scheme']}: {layer['reason']}")
         found = prim["distortion"]
         say(
             f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "

@@ -47,7 +47,7 @@ def align_assets(
 def _mesh(found: MeshAlignment) -> dict[str, Any]:
     return {
         "prim": found.original.prim,
-        "copy_prims": [mesh.prim for mesh in found.copy],
+        "copy_prims": list(found.prims),
         "method": found.method,
         "residual": found.residual,
         "covered": found.covered,

@@ -202,7 +202,7 @@ class _Reading:
             n_words=1,
             times=copy[0].times[[placement.index for placement in placed]],
             variants=(RestoredVariant.of(np.array(soft), log_prior),),
-            also=tuple(mesh.prim for mesh in copy[1:]),
+            also=self.found.prims[1:],
             informed=InformedFacts(
                 prim=self.found.original.prim,
                 poses=tuple(placement.pose for placement in placed),

@@ -293,7 +293,7 @@ def _mark(
     Raises
     ------
     CapacityError
-        If it can hold none; the first reason.
+        If it can hold none; the reason of the last layer, which asks least of a mesh.
     """
     informed = any(isinstance(layer.scheme, InformedScheme) for layer in layers)
     done: list[Embedded] = []
@@ -317,7 +317,7 @@ def _mark(
         else:
             done.append(embedded)
     if not done:
-        raise refused[0][1]
+        raise refused[-1][1]
     return tuple(done), tuple((name, error.message) for name, error in refused)
 
 
