@@ -117,6 +117,9 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     far = wave("/C", [1, 2]).map(lambda frame: frame.moved(frame.points * 1e39))
     with pytest.raises(OutputError, match=r"/C: .*beyond the range"):
         written(tmp_path, far)
+    long = replace(wave("/D", [1]), times=np.arange(40_000.0))
+    with pytest.raises(OutputError, match=r"would have 6 GB; glTF holds 4 GB"):
+        written(tmp_path, long)
     assert list(tmp_path.iterdir()) == []
 
 

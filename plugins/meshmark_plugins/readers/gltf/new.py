@@ -36,6 +36,8 @@ from meshmark_plugins.readers.gltf.timeline import CODES, RATE
 FLOAT, UNSIGNED = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 NAMELESS = "Mesh"
+BYTES = 4  # of a number
+ROOM = 1 << 28  # bytes, for faces and the document
 
 
 def write_new(asset: Asset, output: Path) -> None:
@@ -60,6 +62,7 @@ def write_new(asset: Asset, output: Path) -> None:
         If it cannot be written, or would be larger than the format allows; if a point is not
         finite, or beyond what float32 holds.
     """
+    _require_small(asset, output)
     with beside(output) as place:
         parts = place.with_name("data")
         with parts.open("xb") as file:
@@ -109,6 +112,15 @@ class _Arrays:
         )
         self._file.write(rows.tobytes())
         return len(self.accessors) - 1
+
+
+def _require_small(asset: Asset, output: Path) -> None:
+    """Refuse what cannot be counted by a binary file, before any frame is asked for."""
+    size = sum(
+        BYTES * len(mesh) * (3 * mesh[0].topology.n_points + len(mesh)) for mesh in asset.meshes
+    )
+    if size > LARGEST_BINARY - ROOM:
+        raise OutputError(f"would have {size / 1e9:.0f} GB; glTF holds 4 GB", source=output)
 
 
 def _document(asset: Asset, arrays: _Arrays) -> dict[str, Any]:
@@ -195,8 +207,6 @@ def _put_together(place: Path, document: dict[str, Any], data: Path, length: int
     text = spelled(document)
     text += b" " * (-len(text) % 4)
     whole = HEADER.size + 2 * CHUNK_HEADER.size + len(text) + length
-    if whole > LARGEST_BINARY:
-        raise OutputError("would have more than 4 GB, which binary glTF cannot")
     with place.open("xb") as file, data.open("rb") as chunk:
         file.write(HEADER.pack(MAGIC, VERSION, whole))
         file.write(CHUNK_HEADER.pack(len(text), JSON) + text)
