@@ -86,7 +86,6 @@ def write_override(
         Whether rigged meshes are baked, or keep their rigs, and have their rest poses marked.
     stamps : mapping of str to Stamp
         What meshes, by their paths, are to say of their marks.
-
     primvars : {"follow", "keep"}
         Whether what hangs on points that slid gets the values of their new places.
 
