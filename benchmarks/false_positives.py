@@ -17,7 +17,7 @@ import numpy as np
 
 import meshmark
 from meshmark.arrays import FloatArray
-from meshmark.detection.decision import shares
+from meshmark.detection.decision import pooled, shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.significance import log10_p_of
@@ -43,6 +43,7 @@ class TryKeys:
             log10_p_of(item, words) - share
             for item, share in zip(self.items, shares(self.items), strict=True)
         ]
+        paid += [pool.log10_p(words) - share for pool, share in pooled(self.items)]
         return np.minimum(0.0, np.min(paid, axis=0))
 
 

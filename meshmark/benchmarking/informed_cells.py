@@ -14,10 +14,11 @@ from meshmark.benchmarking.marked_copies import MarkedCopy, recipients
 from meshmark.benchmarking.subjects import Subject, in_memory
 from meshmark.benchmarking.suite_rows import Cell
 from meshmark.benchmarking.timing import StageClock
-from meshmark.detection.decision import decide, shares
+from meshmark.detection.decision import decide, pooled, shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.detection.informed import gather_informed
+from meshmark.detection.pooling import Pool
 from meshmark.detection.significance import log10_p_of, log10_p_of_names
 from meshmark.detection.verify import judge_all
 from meshmark.extension.recipe import Recipe
@@ -117,13 +118,21 @@ def _fits(items: Sequence[Evidence], key: Key, names: Sequence[str]) -> dict[str
 
 def _wrong_keys(items: Sequence[Evidence], seed: int) -> dict[str, Any]:
     """Count the random keys with p at most each of `SHARES`."""
-    generator = np.random.default_rng([seed, WRONG_KEYS])
+    longest = max((item.n_chips for item in items), default=0)
 
-    def words(item: Evidence) -> SignArray:
-        shape = (WRONG_KEYS, item.n_words, item.n_chips)
-        return (2 * generator.integers(0, 2, shape, dtype=np.int8) - 1).astype(np.int8)
+    def words(item: Evidence | Pool) -> SignArray:
+        """Draw the same words for all meshes; short ones begin like long ones."""
+        generator = np.random.default_rng([seed, WRONG_KEYS])
+        shape = (WRONG_KEYS, item.n_words, longest)
+        drawn = (2 * generator.integers(0, 2, shape, dtype=np.int8) - 1).astype(np.int8)
+        return drawn[..., : item.n_chips]
 
-    log10_p = _best(items, lambda item: log10_p_of(item, words(item)), WRONG_KEYS)
+    log10_p = _best(
+        items,
+        lambda item: log10_p_of(item, words(item)),
+        lambda pool: pool.log10_p(words(pool)),
+        WRONG_KEYS,
+    )
     return {
         "tried": WRONG_KEYS,
         "at_most": {f"{share:g}": int(np.sum(log10_p <= np.log10(share))) for share in SHARES},
@@ -148,17 +157,27 @@ def _crowd(
 
 def _of_names(items: Sequence[Evidence], key: Key, names: Sequence[str | None]) -> FloatArray:
     """Bound log10 p of each name by itself, (n,)."""
-    return _best(items, lambda item: log10_p_of_names(item, key, names), len(names))
+    return _best(
+        items,
+        lambda item: log10_p_of_names(item, key, names),
+        lambda pool: pool.log10_p(key.words_of(pool.scheme, pool.n_words, pool.n_chips, names)),
+        len(names),
+    )
 
 
 def _best(
-    items: Sequence[Evidence], log10_p: Callable[[Evidence], FloatArray], n: int
+    items: Sequence[Evidence],
+    log10_p: Callable[[Evidence], FloatArray],
+    of_pool: Callable[[Pool], FloatArray],
+    n: int,
 ) -> FloatArray:
     """Bound log10 p of n hypotheses by what fits best, corrected for meshes and schemes, (n,)."""
     best = np.zeros(n)
     schemes = len({item.scheme for item in items})
     for item, share in zip(items, shares(items), strict=True):
         best = np.minimum(best, log10_p(item) - share + np.log10(schemes))
+    for pool, share in pooled(items):
+        best = np.minimum(best, of_pool(pool) - share + np.log10(schemes))
     return best
 
 

@@ -66,10 +66,7 @@ def decide(
     hypotheses: tuple[str | None, ...] = (None, *recipients)
     correction = float(np.log10(n_schemes * len(hypotheses) / share))
     log10_fpr = float(np.log10(fpr))
-    found = pooled(evidence)
-    schemes = {pool.scheme for pool, _ in found}
-    left = [1.0 - POOLED_SHARE if item.scheme in schemes else 1.0 for item in evidence]
-    corrections = correction - shares(evidence) - np.log10(left)
+    corrections = correction - shares(evidence)
     # Last digits must not depend on whether evidence was measured just now or read from a file.
     with one_thread():
         judged = [
@@ -78,7 +75,7 @@ def decide(
         ]
         several = [
             _Several.of(pool, key, hypotheses, correction - share, log10_fpr)
-            for pool, share in found
+            for pool, share in pooled(evidence)
         ]
     if not judged:
         return Verdict.of_nothing(source, notes)
@@ -116,13 +113,16 @@ def shares(evidence: Sequence[Evidence]) -> FloatArray:
     """Share a scheme's rate among the meshes and parts it was tried on, (n,), in log10.
 
     By the square of what each could reach at best, in decades: no key is needed to tell that,
-    and hundreds of cubes that hold no chips beside a body then cost it nothing.
+    and hundreds of cubes that hold no chips beside a body then cost it nothing. Where several are
+    judged together, too, that has a share of its own, see `pooled`.
     """
     reach = np.array([item.reachable_log10_p for item in evidence]) ** 2
     schemes = np.array([item.scheme for item in evidence])
     total = np.array([reach[schemes == scheme].sum() for scheme in schemes])
     count = np.array([np.sum(schemes == scheme) for scheme in schemes])
     share = np.where(total > 0.0, reach / np.maximum(total, TINY), 1.0 / np.maximum(count, 1))
+    together = {pool.scheme for pool, _ in pooled(evidence)}
+    share *= [1.0 - POOLED_SHARE if scheme in together else 1.0 for scheme in schemes]
     return np.log10(np.maximum(share, TINY))
 
 
