@@ -53,10 +53,10 @@ CLOSE_UP = 0.16
 class Written:
     """A marked mesh as it was read, and as it was written with `keep` and with `follow`."""
 
-    source: str
     original: MeshAnimation
     marked: MeshAnimation
     cost: float
+    source: str
     output: str
 
     def before(self, time: float) -> FloatArray:
@@ -67,7 +67,7 @@ class Written:
         """Return those that were written with `follow`."""
         return coordinates(self.output, self.original.prim, time)
 
-    def rows(self) -> dict[str, tuple[float, float]]:
+    def drifts(self) -> dict[str, tuple[float, float]]:
         """Measure the drift of the farthest vertex, and of all (RMS): means over the frames."""
         times = self.original.times.tolist()
         mean = np.mean([self.after(t) for t in times], axis=0)
@@ -83,15 +83,15 @@ class Written:
         return {name: tuple(np.mean(each, axis=0).tolist()) for name, each in found.items()}
 
 
-def with_coordinates(file: Path, folder: Path) -> tuple[str, str]:
-    """Return a stage that has texture coordinates, and where these are from."""
+def with_coordinates(file: Path, folder: Path) -> str:
+    """Return a stage that has texture coordinates: of its own, or those of a box."""
     mesh = read_stage(str(file)).meshes[0]
     if read_texture_coordinates(str(file), mesh.prim) is not None:
-        return str(file), "its own"
+        return str(file)
     frame = mesh[0]
     uv = box_atlas(frame.points, frame.topology.triangles)
     assert np.all(frame.topology.counts == 3), "the box is for triangles"
-    return lay_coordinates(file, folder, mesh.prim, uv.reshape(-1, 2), "faceVarying"), "a box"
+    return lay_coordinates(file, folder, mesh.prim, uv.reshape(-1, 2), "faceVarying")
 
 
 def lay_coordinates(file: Path, folder: Path, prim: str, uv: FloatArray, interpolation: str) -> str:
@@ -120,21 +120,24 @@ def box_atlas(V: FloatArray, F: IntArray) -> FloatArray:
     return (uv + np.stack([axis, side.astype(int)], axis=1)[:, None]) / 3
 
 
-def written(source: str, folder: Path) -> Written:
-    """Mark the first mesh of a stage, and write it both ways."""
+def written(source: str, folder: Path) -> list[Written]:
+    """Mark the first mesh of a stage, and write it both ways; with its rig, too, if it has one."""
     asset = read_stage(source)
     mesh = asset.meshes[0]
     cost = {}
     start = time.process_time()
     marked = embed(Asset(asset.source, (mesh,), asset.reader, asset.up_axis), KEY, jobs=1).asset
     cost["embed"] = time.process_time() - start
-    for primvars in ("keep", "follow"):
-        start = time.process_time()
-        output = folder / f"{Path(source).stem}-{primvars}.usdc"
-        write_override(asset, marked, output, primvars=primvars)
-        cost[primvars] = cost["embed"] + time.process_time() - start
-    (shown,) = read_stage(str(output), [mesh.prim]).meshes
-    return Written(source, mesh, shown, cost["follow"] / cost["keep"], str(output))
+    found = []
+    for skel in ("bake", "rest") if mesh.notes else ("bake",):
+        for primvars in ("keep", "follow"):
+            start = time.process_time()
+            output = folder / f"{Path(source).stem}-{skel}-{primvars}.usdc"
+            write_override(asset, marked, output, skel=skel, primvars=primvars)
+            cost[primvars] = cost["embed"] + time.process_time() - start
+        (shown,) = read_stage(str(output), [mesh.prim]).meshes
+        found.append(Written(mesh, shown, cost["follow"] / cost["keep"], source, str(output)))
+    return found
 
 
 def coordinates(source: str, prim: str, time: float) -> FloatArray:
@@ -143,13 +146,14 @@ def coordinates(source: str, prim: str, time: float) -> FloatArray:
     return found
 
 
-def row(file: Path, folder: Path) -> str:
-    source, origin = with_coordinates(file, folder)
-    done = written(source, folder)
-    drifts = done.rows()
-    cells = [f"{largest:.1f} ({rms:.2f})" for largest, rms in drifts.values()]
-    share = drifts["follow"][0] / drifts["keep"][0]
-    return f"| `{file.name}` | {origin} | {' | '.join(cells)} | {share:.1%} | {done.cost:.2f} |"
+def print_rows(file: Path, folder: Path) -> None:
+    source = with_coordinates(file, folder)
+    for done, skel in zip(written(source, folder), ("", ", `--skel rest`"), strict=False):
+        drifts = done.drifts()
+        cells = [f"{largest:.1f} ({rms:.2f})" for largest, rms in drifts.values()]
+        share = 100 * drifts["follow"][0] / drifts["keep"][0]
+        cells = [f"`{file.name}`{skel}", *cells, f"{share:.1f} %", f"{done.cost:.2f}"]
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def draw(path: Path, folder: Path) -> None:
@@ -158,7 +162,7 @@ def draw(path: Path, folder: Path) -> None:
     mesh = read_stage(str(file)).meshes[0]
     P = mesh[0].points
     uv = (P - P.min(axis=0))[:, :2] / np.ptp(P[:, :2], axis=0).max()
-    done = written(lay_coordinates(file, folder, mesh.prim, uv, "vertex"), folder)
+    [done] = written(lay_coordinates(file, folder, mesh.prim, uv, "vertex"), folder)
     t = float(mesh.times[0])
     V, X, F = P, done.marked[0].points, mesh[0].faces
     UV, UV1 = done.before(t), done.after(t)
@@ -213,10 +217,10 @@ def main() -> None:
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
-        print("| file | coordinates | keep | one value | follow | share left | CPU |")
-        print("|---|---|---|---|---|---|---|")
+        print("| file | `keep` | one value | `follow` | share left | CPU |")
+        print("|---|---|---|---|---|---|")
         for file in options.files:
-            print(row(file, Path(name)), flush=True)
+            print_rows(file, Path(name))
         draw(options.output / "checkerboard.png", Path(name))
 
 

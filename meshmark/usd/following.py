@@ -41,7 +41,8 @@ def author_followed(
     interpolated; across a seam each side by itself, continued beyond it. Normals are also turned
     as the surface was. What changes in no frame is not written. An attribute without time samples
     stays without, if one value for each point does for all frames; otherwise it gets samples at
-    the times of the points, and the mean as its default.
+    the times of the points, and the mean as its default. Beside a rest pose it stays without in any
+    case, and gets the mean over the poses.
 
     Parameters
     ----------
@@ -64,15 +65,24 @@ def author_followed(
     followers = [Follower(each) for each in found if each.name not in kept and not is_copy(each)]
     if not followers:
         return
-    for index in spread(frames.marked, LOOKED_AT):
-        slide = Slide(*frames.read(index))
+    rest = points.rig is not None and not posed
+    shown = _poses(points, frames) if rest else frames
+    # Normals of a rest pose turn as that does; a rig turns them on.
+    on_rest = [each for each in followers if rest and each.hanging.is_normal]
+    for index in spread(shown.marked, LOOKED_AT):
+        slide = Slide(*shown.read(index))
         for follower in followers:
-            follower.look(frames.times[index], slide)
+            if follower not in on_rest:
+                follower.look(shown.times[index], slide)
+    for follower in on_rest:
+        follower.look(np.nan, Slide(*frames.read(0)))
     static = len(frames.marked) == len(frames.times)
     changed = [follower for follower in followers if follower.changes]
     for follower in changed:
         follower.author_default(target, over)
-    sampled = [each for each in changed if not (static and each.one_does)]
+    # A rig may show poses that nobody has seen yet: samples would be those of others.
+    single = [each for each in changed if static and (each.one_does or (rest and each.still))]
+    sampled = [each for each in changed if each not in single]
     # What is sampled before the first frame is shown with that.
     starts = (-np.inf, *frames.times[1:], np.inf)
     for index, time in enumerate(frames.times if sampled else ()):
@@ -137,9 +147,14 @@ class Follower:
         self.changes |= self.hanging.rig is not None or stored(before) != stored(after)
 
     @property
+    def still(self) -> bool:
+        """Whether the values are the same at all times, before a mark changes them."""
+        return self.hanging.rig is None and len(self.hanging.times) < 2
+
+    @property
     def one_does(self) -> bool:
         """Whether the mean of the changes does for all frames; see `author_followed`."""
-        if self.hanging.rig is not None or len(self.hanging.times) > 1:
+        if not self.still:
             return False
         mean = self._mean
         left = max(self._squares / self._looks - float(np.sum(mean**2)), 0.0)
@@ -203,3 +218,16 @@ class Follower:
         if hanging.is_unit:
             after = normalized(after)
         return before, np.where(touched[:, None], after, before)
+
+
+def _poses(points: MeshPoints, rest: MarkedFrames) -> MarkedFrames:
+    """Return what a rig makes of a rest pose before and after, at all its times."""
+    rig, [(_, _, marked)] = points.rig, rest
+    assert rig is not None
+
+    def read(index: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        before = points.local(times[index])
+        return before, rig.pose(marked, times[index]).astype(before.dtype)
+
+    times = tuple(points.times().tolist())
+    return MarkedFrames(times, tuple(range(len(times))), read)
