@@ -154,6 +154,16 @@ def test_each_run_is_laid_beside_its_own(renumbered: bool) -> None:
     assert shown == [[len(SHAPES[name][0])] for name in ("ball", "ring", "cube")]
 
 
+def test_meshes_that_do_not_change_are_read_together_beside_it() -> None:
+    still = MeshAnimation.from_arrays(*SHAPES["ball"], prim="/World/ball")
+    whole = Asset("s", (simulation(["ball", "ring"]), still), "test")
+    together, *each_run = pairs(whole, whole)
+    assert together.copy is whole
+    assert together.original.meshes == (still,)
+    assert [pair.part for pair in each_run] == ["frames 1:1", "frames 2:2"]
+    assert pairs(whole, as_asset(still))[0].part == ""
+
+
 def test_a_remeshed_run_is_looked_for_at_its_time() -> None:
     original, copy = simulation(["ring", "ball", "ball"]), simulation(["cube", "cube", "ring"])
     found = pairs(as_asset(copy), as_asset(original))
