@@ -147,6 +147,9 @@ def _coordinates(asset: Asset, written: Asset, prim: str, primvars: str) -> dict
     if not asset.mesh(prim).constant_topology:
         # There are others in every run of frames.
         return {}
+    if asset.reader == READER != written.reader:
+        # A new file of another format holds none.
+        return {}
     if primvars == KEEP or asset.reader != READER or written.source == asset.source:
         return {"uv": texture_coordinates(asset, prim)}
     from meshmark.usd.texture_coordinates import TextureCoordinates
