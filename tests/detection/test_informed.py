@@ -115,6 +115,8 @@ def test_every_mesh_of_the_original_is_read_where_it_lies() -> None:
     assert verdict.verdict == "marked"
     facts = {prim.prim: prim.informed.facts.prim for prim in verdict.prims if prim.informed}
     assert facts == {"/Torus": "/Torus", "/Tube": "/Tube"}
+    assert [(each.scheme, each.meshes) for each in verdict.pooled] == [("relief", 2)]
+    assert verdict.pooled[0].log10_p < -20
 
 
 def test_a_master_must_be_made_from_the_original(copy) -> None:

@@ -67,6 +67,7 @@ def test_all_meshes_are_marked_but_what_is_too_small(marked) -> None:
     assert beside(marked, *marked.asset.meshes, crumbs, key=OTHER).verdict == "not marked"
 
 
+@pytest.mark.slow
 def test_balls_that_say_too_little_each_say_it_together_though_they_were_joined(marked) -> None:
     verdict = beside(marked, united([noisy(mesh, 1e-4) for mesh in marked.asset.meshes]))
     assert verdict.verdict == "marked"

@@ -181,7 +181,7 @@ def test_meshes_are_pooled_and_so_are_their_surfaces() -> None:
     assert pools([joined]) == []
 
 
-@pytest.mark.parametrize("n_keys", [300, pytest.param(5000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_keys", [200, pytest.param(5000, marks=pytest.mark.slow)])
 def test_of_random_keys_no_more_than_a_share_a_have_p_of_a(n_keys: int) -> None:
     """On meshes that bear another's mark, whose evidence is anything but independent."""
     keys = [Key(np.random.default_rng(n).bytes(32)) for n in range(n_keys)]
