@@ -15,6 +15,7 @@ from meshmark.alignment.pieces import joined, pieces
 from meshmark.alignment.placement import AssetAlignment, MeshAlignment
 from meshmark.alignment.refinement import Placement
 from meshmark.alignment.search import DIFFERENT, FEATURES, IDENTITY, PCA, REPOSED, Search
+from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, LeftOut
@@ -26,6 +27,8 @@ from meshmark.workers.pool import one_thread
 FRAMES = 12
 # Meshes of the copy that features, which take long, are tried on, for each of the original's.
 MOST_BY_FEATURES = 2
+# Points of a mesh that tell whether it may lie somewhere, and the share that must lie near there.
+FEW, LEAST_INSIDE = 100, 0.3
 
 
 def align(
@@ -146,7 +149,7 @@ class _Work:
         jobs: int,
     ) -> None:
         self._free, self._known = list(meshes), list[Placement]()
-        self._originals = originals
+        self._originals, self._points = originals, dict[MeshAnimation, FloatArray]()
         self._range, self._n_frames, self._jobs = frames, n_frames, jobs
         # Where the original is one mesh, what was joined to its copy may stay there.
         self._all_tried = len(originals) == 1
@@ -260,8 +263,19 @@ class _Work:
             mesh
             for mesh in self._free
             if mesh not in besides
+            and original.samples.may_hold(start(self._few_points(mesh)), LEAST_INSIDE)
             and Search((mesh,), original).known(self._frames((mesh,)), [start]) is not None
         )
+
+    def _few_points(self, mesh: MeshAnimation) -> FloatArray:
+        """Read some points of a mesh of the copy once, (n, 3); none if it cannot be read."""
+        if mesh not in self._points:
+            try:
+                frame = CopyFrame.of((mesh,), self._frames((mesh,))[0])
+                self._points[mesh] = frame.some(FEW).points
+            except MeshmarkError:
+                self._points[mesh] = np.empty((0, 3))
+        return self._points[mesh]
 
     def _frames(self, meshes: Sequence[MeshAnimation]) -> list[int]:
         inside = frames_in(meshes[0], self._range)

@@ -59,7 +59,8 @@ class PoseSamples:
         """Tell whether a share of points (m, 3) lie in the box of all poses, or near to it."""
         flat = self.points.reshape(-1, 3)
         low, high = flat.min(axis=0) - self._far, flat.max(axis=0) + self._far
-        return bool(((low < X) & (high > X)).all(axis=1).mean() >= share)
+        inside = ((low < X) & (high > X)).all(axis=1)
+        return bool(len(X) > 0 and inside.mean() >= share)
 
     def misfit(self, X: FloatArray, at: int) -> float:
         """Measure how far points X (m, 3) are from pose number `at`, in the mean."""
