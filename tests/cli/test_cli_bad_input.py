@@ -223,7 +223,7 @@ def test_a_featureless_ball_is_foreseen_and_refused(run, tmp_path) -> None:
     assert not (tmp_path / "o.usda").exists()
     code, _, err = run("attack", "marking-again", "ball.usdc", "-o", "again.usdc")
     assert code == 0
-    assert "warning: /Ball: attack marking-again left it as it is: nothing sticks out" in err
+    assert "warning: /Ball: attack marking-again left it as it is: 24 points have room" in err
 
 
 @pytest.mark.filterwarnings("error")
