@@ -123,9 +123,10 @@ class Refinement:
         if not free_pose or self._last == 0:
             return self._converge(start, rounds, False)
         # Most copies show whole frames: one is tried first, without posing anything between.
-        whole = self._converge(Placement(start.A, float(round(start.pose))), rounds, False)
-        if abs(self._converge(whole, 1, True).pose - whole.pose) < SNAP:
-            return whole
+        if start.pose == round(start.pose):
+            whole = self._converge(start, rounds, False)
+            if abs(self._converge(whole, 1, True).pose - whole.pose) < SNAP:
+                return whole
         found = self._converge(start, rounds, True)
         if 0 < abs(found.pose - round(found.pose)) < SNAP:
             found = self._converge(Placement(found.A, float(round(found.pose))), rounds, False)

@@ -9,6 +9,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags_array, eye_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from meshmark.arrays import FloatArray
+from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import Topology, polygon_edges
 
 # How far neighbourhoods reach, squared, in edges: wider ones follow joints less, and narrower
@@ -17,6 +18,23 @@ REACH_SQUARED = 1.0 / 3.0
 # Pull towards the map of the whole, as a share of a neighbourhood's spread: what is flat has no
 # map of its own across.
 RIDGE = 1e-6
+# This share of the edges is stretched by less than that in another pose.
+MOST, STRETCHED = 0.75, 0.1
+
+
+def is_posed_anew(V: FloatArray, Q: FloatArray, topology: Topology) -> bool:
+    """Tell whether a copy's vertices Q (N, 3) may be those of a surface in another pose.
+
+    Most edges keep their lengths when joints turn, but for the scale that all share.
+    """
+    E, _ = polygon_edges(topology.counts, topology.indices)
+    before, after = (lengths(P[E[:, 1]] - P[E[:, 0]]) for P in (V, Q))
+    stretch = np.full(len(E), np.inf)
+    np.divide(after, before, out=stretch, where=before > 0.0)
+    scale = float(np.median(stretch))
+    if not 0.0 < scale < np.inf:
+        return False
+    return bool(np.quantile(np.abs(stretch / scale - 1.0), MOST) < STRETCHED)
 
 
 def reposed(V: FloatArray, Q: FloatArray, topology: Topology) -> FloatArray:

@@ -31,7 +31,7 @@ from meshmark.alignment.original import Original
 from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import robust_similarity, similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
-from meshmark.alignment.reposing import reposed
+from meshmark.alignment.reposing import is_posed_anew, reposed
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.frame_range import spread
@@ -180,11 +180,13 @@ class Search:
         pose = original.pose_of(frame) if frame.n_points == original.n_points else None
         if pose is None or not first.topology.same_as(original.animation[0].topology):
             return None
-        pose = float(round(pose))
-        there = posed(original.animation, pose).points
+        there, kept = posed(original.animation, round(pose)).points, original.welding.kept
+        Q = there.copy()
+        Q[frame.vertices] = frame.points
+        if not is_posed_anew(there[kept], Q[kept], original.welding.topology):
+            return None
         A = similarity(frame.points, there[frame.vertices], np.ones(len(frame.points)))
-        placement = Placement(A, pose)
-        Q, kept = there.copy(), original.welding.kept
+        placement = Placement(A, float(round(pose)))
         Q[frame.vertices] = placement(frame.points)
         apart = Q[kept] - reposed(there[kept], Q[kept], original.welding.topology)
         distances = lengths(apart) / original.diagonal
