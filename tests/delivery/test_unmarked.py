@@ -138,10 +138,9 @@ def test_a_small_mesh_that_can_hold_no_mark_is_told_of(run: Run, tmp_path: Path)
     code, said = run("--deliver")
     assert code == 0, said
     assert skipped(tmp_path) == [f"/eye{i}" for i in range(6)]
-    assert said.count("not marked") == 3
-    assert "and 3 more" in said
+    assert "/eye0, /eye1, /eye2 and 3 more: not marked" in said
     code, said = run("--deliver", "--all")
-    assert said.count("not marked") == 6
+    assert all(f"/eye{i}" in said for i in range(6))
     assert run()[0] == 1
 
 
