@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,12 +14,23 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.precision import stored
+from meshmark.mesh.topology import triangulate
 from meshmark.usd.baking import bake_normals, unbind
 from meshmark.usd.frames import blamed
-from meshmark.usd.geometry import REST, local_to_world, transformed, turned
+from meshmark.usd.geometry import (
+    REST,
+    connectivity_changes,
+    local_to_world,
+    polygons,
+    transformed,
+    turned,
+)
+from meshmark.usd.influences import Influences
 from meshmark.usd.layers import POINT_TYPES, StreamedLayer, extent
 from meshmark.usd.points import MeshPoints
+from meshmark.usd.primvars import LOOKED_AT, spread
 from meshmark.usd.rest_pose import RestMoves
+from meshmark.usd.skinning import Rig
 
 LocalPoints = NDArray[np.floating]
 
@@ -42,11 +53,14 @@ class MarkedFrames:
         Indices of those that were marked.
     read : callable
         Returns the points (N, 3) before and after of the frame of an index, in the prim's space.
+    rig : Rig or None
+        What poses the marked points, if they are a rest pose.
     """
 
     times: tuple[float, ...]
     marked: tuple[int, ...]
     read: Callable[[int], tuple[LocalPoints, LocalPoints]]
+    rig: Rig | None = None
 
     @classmethod
     def of(cls, points: MeshPoints, marked: MeshAnimation) -> MarkedFrames:
@@ -63,9 +77,9 @@ class MarkedFrames:
         return cls(tuple(time for time, _ in pairs), chosen, partial(_read, points, marked, pairs))
 
     @classmethod
-    def single(cls, before: LocalPoints, after: LocalPoints) -> MarkedFrames:
-        """Return one frame that has no time."""
-        return cls((np.nan,), (0,), lambda _: (before, after))
+    def rest(cls, before: LocalPoints, after: LocalPoints, rig: Rig | None) -> MarkedFrames:
+        """Return a rest pose, one frame that has no time."""
+        return cls((np.nan,), (0,), lambda _: (before, after), rig)
 
     def __iter__(self) -> Iterator[tuple[float, LocalPoints, LocalPoints]]:
         for index, time in enumerate(self.times):
@@ -140,10 +154,17 @@ def author_marked_rest(
     points: MeshPoints,
     marked: MeshAnimation,
     witness: Witness | None = None,
+    *,
+    follow: bool = False,
 ) -> MarkedFrames:
     """Give a rigged prim the rest pose that its rig poses like the marked points; the rig stays.
 
     The pose is as near as one can be that fits all marked frames; see `RestMoves`.
+
+    Parameters
+    ----------
+    follow : bool
+        Whether points that slid get the influences of joints of their new places.
 
     Returns
     -------
@@ -164,9 +185,15 @@ def author_marked_rest(
             source=marked.origin,
             prim=path,
         )
+    frames = MarkedFrames.of(points, marked)
+    influences = _influences_after(points, frames) if follow else None
+    if influences is not None and points.rig is not None:
+        points = replace(points, rig=replace(points.rig, influences=influences))
+        influences.author(target, over)
     rest = RestMoves(points)
-    for time, original, new in MarkedFrames.of(points, marked):
-        rest.add(time, new - original)
+    for time, original, new in frames:
+        # The rig may have other influences than it had, when it posed the original.
+        rest.add(time, new - (original if influences is None else points.local(time)))
         if witness is not None and np.isfinite(time):
             witness(time, original, new)
     spec = Sdf.AttributeSpec(over, "points", POINT_TYPES[rest.points.dtype.type])
@@ -177,7 +204,27 @@ def author_marked_rest(
         target.set_vectors(spec, np.nan, extent(rest.marked()))
     if witness is not None:
         witness(REST, rest.points, rest.marked())
-    return MarkedFrames.single(rest.points, rest.marked())
+    return MarkedFrames.rest(rest.points, rest.marked(), points.rig)
+
+
+def _influences_after(points: MeshPoints, frames: MarkedFrames) -> Influences | None:
+    """Return the influences of a rest pose that was marked with those that it has.
+
+    The slide needs no more frames than tell what it is like. None where the points have no
+    influences of their own, or none changes; or where the connectivity does.
+    """
+    rest = RestMoves(points)
+    assert points.rig is not None
+    own = Influences.of(points.rig.skinning, len(rest.points))
+    if own is None or connectivity_changes(points.prim, points.times()):
+        return None
+    for index in spread(frames.marked, LOOKED_AT):
+        before, after = frames.read(index)
+        rest.add(frames.times[index], after - before)
+    F = triangulate(*polygons(UsdGeom.Mesh(points.prim), Usd.TimeCode.EarliestTime()))
+    places = rest.points.astype(np.float64), rest.marked().astype(np.float64)
+    influences = own.followed(F, *places)
+    return None if influences.equal(own) else influences
 
 
 def unmarked_times(points: MeshPoints, marked: MeshAnimation) -> FloatArray:

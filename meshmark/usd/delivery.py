@@ -171,6 +171,8 @@ def _author(
         stamp, witness = stamps.get(mesh.prim), traces.witness(mesh.prim)
         spec = Sdf.CreatePrimInLayer(target.layer, mesh.prim)
         frames = author_marked(target, spec, own, mesh, skel, primvars, stamp, witness)
+        if frames.rig is not None:
+            traces.rigs[mesh.prim] = frames.rig
         authored.append((spec, own, frames))
     # A reference pose gets the marked points themselves, once those of all meshes are known.
     for spec, own, frames in authored if primvars == FOLLOW else ():

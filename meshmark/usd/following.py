@@ -222,7 +222,7 @@ class Follower:
 
 def _poses(points: MeshPoints, rest: MarkedFrames) -> MarkedFrames:
     """Return what a rig makes of a rest pose before and after, at all its times."""
-    rig, [(_, _, marked)] = points.rig, rest
+    rig, [(_, _, marked)] = rest.rig, rest
     assert rig is not None
 
     def read(index: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:

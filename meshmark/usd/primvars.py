@@ -26,7 +26,7 @@ FLOATS = (
     *(Vt.Vec4hArray, Vt.Vec4fArray, Vt.Vec4dArray),
 )
 NORMALS = ("normals", "primvars:normals")
-# Weights of joints belong to the rest pose, beside the joints that they are of.
+# Weights of joints are worth nothing without the joints that they are of: see `influences`.
 SKINNING = "primvars:skel:"
 # Unit vectors have this length, to the rounding of half precision.
 UNIT = 2e-3

@@ -14,6 +14,7 @@ from pxr import Usd, UsdGeom, UsdSkel, Vt
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.usd.geometry import Float32Array, finite, local_to_world, time_code, transformed
+from meshmark.usd.influences import Influences
 
 # Times this close are the same: layer offsets round.
 SAME_TIME = 1e-9
@@ -32,11 +33,14 @@ class Rig:
         Poses the joints.
     skinning : UsdSkel.SkinningQuery
         Binds the prim to them.
+    influences : Influences or None
+        Of the joints, in place of those that the prim has.
     """
 
     bone: Usd.Prim
     skeleton: UsdSkel.SkeletonQuery
     skinning: UsdSkel.SkinningQuery
+    influences: Influences | None = None
 
     @property
     def prim(self) -> Usd.Prim:
@@ -113,9 +117,14 @@ class Rig:
             points = self.shapes.blended(points, code)
         if self.moved_by_joints:
             joints = self.skeleton.ComputeSkinningTransforms(code)
-            if not joints or not self.skinning.ComputeSkinnedPoints(joints, points, code):
+            if not joints or not self._skin(joints, points, code):
                 raise InputError("the joints do not fit each other, or the mesh")
         return np.asarray(points, dtype=np.float64)
+
+    def _skin(self, joints: Vt.Matrix4dArray, points: Vt.Vec3fArray, code: Usd.TimeCode) -> bool:
+        if self.influences is not None:
+            return self.influences.skin(self.skinning, joints, points, code)
+        return bool(self.skinning.ComputeSkinnedPoints(joints, points, code))
 
     def to_prim(self, time: float) -> FloatArray:
         """Return the matrix (4, 4) from the skeleton's space to the prim's, for row vectors.

@@ -26,6 +26,7 @@ from meshmark.usd.numbers import (
 )
 from meshmark.usd.points import StagePoints
 from meshmark.usd.primvars import Hanging
+from meshmark.usd.skinning import Rig
 
 # Residuals below it are equally good.
 EXACT = 1e-6
@@ -75,11 +76,13 @@ class Copy:
 class Traces:
     """The points of some meshes of a stage, and what is an image of them.
 
-    Holds samples of the poses, not the points: these are read again from the stage.
+    Holds samples of the poses, not the points: these are read again from the stage; and by their
+    paths, the rigs that pose marked rest poses.
     """
 
     points: StagePoints
     shapes: dict[str, list[Shape]] = field(default_factory=dict, init=False)
+    rigs: dict[str, Rig] = field(default_factory=dict, init=False)
 
     def add(self, prim: str, time: float, points: NDArray[np.floating]) -> None:
         """Take note of the points of a mesh at a time.
@@ -120,7 +123,7 @@ class Traces:
         """
         path = Sdf.Path(prim).AppendProperty("points")
         points = value_at(layer, path, time)
-        rig = self.points.of(self.points.stage.GetPrimAtPath(prim)).rig
+        rig = self.rigs.get(prim)
         if points is None and rig is not None:
             return rig.pose(np.asarray(value_at(layer, path, REST)), time)
         return np.asarray(points, dtype=np.float64)

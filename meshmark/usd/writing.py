@@ -19,6 +19,7 @@ from meshmark.usd.authoring import (
     author_marked_rest,
 )
 from meshmark.usd.following import author_followed
+from meshmark.usd.influences import INDICES, WEIGHTS
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer
 from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
 from meshmark.usd.opening import open_stage
@@ -118,9 +119,11 @@ def write_override(
         for prim, mesh in pairs:
             spec, points = over(target.layer, places[mesh.prim].path, stage), opened.points.of(prim)
             stamp = stamps.get(mesh.prim)
-            frames = author_marked(target, spec, points, mesh, skel, primvars, stamp)
+            # Inside a variant, influences that are said for all would win.
+            kept = places[mesh.prim].elsewhere
+            bound = not places[mesh.prim].variants and kept.isdisjoint((INDICES, WEIGHTS))
+            frames = author_marked(target, spec, points, mesh, skel, primvars, stamp, bound=bound)
             if primvars == FOLLOW:
-                kept = places[mesh.prim].elsewhere
                 author_followed(target, spec, points, frames, posed=skel == BAKE, kept=kept)
                 author_velocities(target, spec, points, frames)
     return Override({prim: place for prim, place in places.items() if place.variants})
@@ -135,13 +138,21 @@ def author_marked(
     primvars: str,
     stamp: Stamp | None = None,
     witness: Witness | None = None,
+    *,
+    bound: bool = True,
 ) -> MarkedFrames:
     """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose.
 
     Normals that follow are left to `author_followed`. And a stamp, if it is to have one.
+
+    Parameters
+    ----------
+    bound : bool
+        Whether influences of joints can be written for it.
     """
     if skel == REST_POSE and points.rig is not None:
-        frames = author_marked_rest(target, spec, points, marked, witness)
+        follow = bound and primvars == FOLLOW
+        frames = author_marked_rest(target, spec, points, marked, witness, follow=follow)
     else:
         normals = primvars == KEEP
         frames = author_marked_points(target, spec, points, marked, witness, normals=normals)

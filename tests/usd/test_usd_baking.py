@@ -271,11 +271,11 @@ def test_flattening_keeps_a_mesh_unbound(tmp_path: Path) -> None:
 
 
 def rest_override(original: Asset, marked: Asset, output: Path) -> None:
-    write_override(original, marked, output, skel="rest")
+    write_override(original, marked, output, skel="rest", primvars="keep")
 
 
 def rest_deliverable(original: Asset, marked: Asset, output: Path) -> None:
-    write_flattened(original, marked, output, skel="rest")
+    write_flattened(original, marked, output, skel="rest", primvars="keep")
 
 
 @pytest.mark.parametrize("write", [rest_override, rest_deliverable])
@@ -293,18 +293,22 @@ def test_a_marked_rest_pose_is_posed_into_the_marked_points(tmp_path: Path, writ
 def test_only_the_rest_pose_changes(tmp_path: Path) -> None:
     source = bent_tube(tmp_path / "a.usda")
     original = read_stage(source)
-    write_override(original, moved(original), tmp_path / "o.usda", skel="rest")
     before = values(Usd.Stage.Open(source), list(BENDS))
-    after = values(Usd.Stage.Open(str(tmp_path / "o.usda")), list(BENDS))
-    different = {path for path in before | after if before.get(path) != after.get(path)}
-    assert different == {"/man/arm.points", "/man/arm.extent"}
-    assert after["/man/arm.points"][0] == []
+    expected = {"/man/arm.points", "/man/arm.extent"}
+    for primvars in ("keep", "follow"):
+        output = tmp_path / f"{primvars}.usda"
+        write_override(original, moved(original), output, skel="rest", primvars=primvars)
+        after = values(Usd.Stage.Open(str(output)), list(BENDS))
+        different = {path for path in before | after if before.get(path) != after.get(path)}
+        assert different == expected
+        assert after["/man/arm.points"][0] == []
+        expected |= {f"/man/arm.primvars:skel:joint{each}" for each in ("Indices", "Weights")}
 
 
 def test_another_animation_shows_the_mark_of_a_rest_pose(tmp_path: Path) -> None:
     original = read_stage(bent_tube(tmp_path / "a.usda"))
     moves = np.random.default_rng(6).normal(0, 1e-3, tube()[0].shape)
-    write_override(original, bent_moves(original, moves), tmp_path / "o.usda", skel="rest")
+    rest_override(original, bent_moves(original, moves), tmp_path / "o.usda")
     stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
     bend = Gf.Rotation(Gf.Vec3d(0, 0, 1), 140).GetQuat()
     rotations = stage.GetPrimAtPath("/man/walk").GetAttribute("rotations")
@@ -321,7 +325,7 @@ def test_a_rest_pose_fits_marks_that_differ_from_frame_to_frame_as_well_as_one_c
     """Where joints do not bend, the pose of the rest is the mean of the marks."""
     original = read_stage(bent_tube(tmp_path / "a.usda"))
     marked = moved(original)
-    write_override(original, marked, tmp_path / "o.usda", skel="rest")
+    rest_override(original, marked, tmp_path / "o.usda")
     rest = points_at(Usd.Stage.Open(str(tmp_path / "o.usda")), "/man/arm")
     still = elbow_weights(tube()[0]) == 0
     mean = np.mean([frame.points[still] for frame in marked.meshes[0]], axis=0)
@@ -354,7 +358,8 @@ def test_an_animated_rest_pose_cannot_be_marked_as_one(tmp_path: Path) -> None:
     assert read_one(str(tmp_path / "o.usda")).times.tolist() == list(BENDS)
 
 
-def test_copies_of_poses_follow_a_marked_rest_pose(tmp_path: Path) -> None:
+@pytest.mark.parametrize("primvars", ["keep", "follow"])
+def test_copies_of_poses_follow_a_marked_rest_pose(tmp_path: Path, primvars: str) -> None:
     rigged = Rigged.at(tmp_path / "a.usda")
     mesh = rigged.add_tube()
     rigged.turn_elbow(BENDS)
@@ -365,11 +370,14 @@ def test_copies_of_poses_follow_a_marked_rest_pose(tmp_path: Path) -> None:
     original = read_stage(rigged.save())
     moves = np.random.default_rng(6).normal(0, 1e-3, tube()[0].shape)
     marked = bent_moves(original, moves)
-    delivery = write_flattened(original, marked, tmp_path / "o.usda", skel="rest")
+    output = tmp_path / "o.usda"
+    delivery = write_flattened(original, marked, output, skel="rest", primvars=primvars)
     assert [each.path for each in delivery.moved] == ["/man/arm.primvars:cache"]
-    stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
-    kept = np.array(stage.GetAttributeAtPath("/man/arm.primvars:cache").Get())
-    np.testing.assert_allclose(kept, bent(90, moves), atol=1e-5)
+    stage = Usd.Stage.Open(str(output))
+    cached = np.array(stage.GetAttributeAtPath("/man/arm.primvars:cache").Get())
+    np.testing.assert_allclose(cached, read_one(str(output))[-1].points, atol=1e-5)
+    if primvars == "keep":
+        np.testing.assert_allclose(cached, bent(90, moves), atol=1e-5)
 
 
 def test_a_layer_with_the_animation_alone_is_part_of_the_source(tmp_path: Path) -> None:

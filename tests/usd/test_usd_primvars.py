@@ -379,8 +379,8 @@ def test_textures_of_a_real_rig_stay(data_folder: Path, tmp_path: Path, skel: st
         write(original, marked, output, skel=skel)
         keep, follow = drift_of(source, output, original.meshes[0].prim)
         assert keep > 20
-        # One value cannot serve all poses: points that slid keep the weights of their joints.
-        assert follow < (0.1 if skel == "bake" else 0.5) * keep
+        # One value cannot serve all poses quite: between points, these are not linear.
+        assert follow < (0.1 if skel == "bake" else 0.3) * keep
         stage = Usd.Stage.Open(str(output))
         prim = stage.GetPrimAtPath(original.meshes[0].prim)
         assert len(prim.GetAttribute("primvars:st").GetTimeSamples()) == 48 * (skel == "bake")
