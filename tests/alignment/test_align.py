@@ -85,6 +85,7 @@ def test_a_similarity_is_recovered_exactly(method: str, mirror: bool) -> None:
     assert found.covered == 1.0
 
 
+@pytest.mark.slow
 def test_a_placement_that_only_just_fits_is_held_against_those_by_other_methods(
     monkeypatch,
 ) -> None:

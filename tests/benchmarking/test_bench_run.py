@@ -129,6 +129,7 @@ def test_distortion_has_every_measure(document) -> None:
     assert row["error"] is None
 
 
+@pytest.mark.slow
 def test_a_row_can_be_repeated_by_hand(document, folder, tmp_path, monkeypatch, capsys) -> None:
     row = row_of(document, "noise 0.05 %")
     [copy] = [path for path in (folder / "marked").iterdir() if is_the_owners(path, document)]

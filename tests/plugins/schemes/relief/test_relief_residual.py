@@ -138,6 +138,7 @@ def cage() -> Frame:
     return Frame(1.0, finer @ (W @ V), quads)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["loop", "catmull_clark"])
 def test_a_subdivided_cage_is_read_beside_the_subdivided_reference(rule) -> None:
     frame = cage()
