@@ -19,8 +19,8 @@ NEAR = 0.02
 KEPT, FITS = 0.9, 0.008
 # Either most of the copy lies on the original, or most of the original has copy on it.
 MOST, LEAST = 0.6, 0.03
-# The right placement of a part leaves no more than marks do, or else it covers the whole; if it does
-# neither, local features are tried, too: a part often fits somewhere else, tolerably.
+# The right placement leaves no more than marks do, or covers the whole. If one does neither, local
+# features are tried, too: a part often fits somewhere else, tolerably.
 WELL, WHOLE = 2e-4, 0.97
 # Distances in single precision.
 ROUNDING = 1e-7
