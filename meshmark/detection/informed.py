@@ -255,12 +255,13 @@ class _Reading:
         for name in self.maps:
             points = placement.maps[name](frame.points)
             normals = vertex_normals(points, frame.faces)
+            reference, rate = under, velocity
             if self.found.method == REPOSED:
                 Q = pose.points.copy()
                 Q[frame.vertices] = points
-                under = under.moved(reposed(under.points, Q[kept_points], self.on.polygons))
-                velocity = np.zeros_like(velocity)
-            yield AlignedFrame(under, velocity, points[kept], normals[kept], vertices)
+                bent = reposed(under.points, Q[kept_points], self.on.polygons)
+                reference, rate = under.moved(bent), np.zeros_like(velocity)
+            yield AlignedFrame(reference, rate, points[kept], normals[kept], vertices)
 
 
 @dataclass(frozen=True, eq=False)
