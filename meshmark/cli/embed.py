@@ -159,6 +159,8 @@ def embed(
         put_json(document)
     _tell(document, dry_run, every)
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
+    shared = document.get("shared_shapes", [])
+    few([f"{shape}: this blend shape stays: several meshes share it" for shape in shared], every)
     _tell_delivery(document.get("delivery"), every)
     skipped = [(each["prim"], f"not marked: {each['reason']}") for each in document["skipped"]]
     few(_remarks(skipped, every), every)

@@ -149,7 +149,7 @@ def mark_file(
         skel=skel,
         primvars=primvars,
     )
-    keep = _keeper(master, original, target, parameters, layers, skel)
+    keep = _keeper(master, original, target, parameters, layers, skel, primvars)
     others: Sequence[LeftOut] = ()
     if deliver and prims:
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
@@ -303,6 +303,7 @@ def _keeper(
     parameters: Mapping[str, Any] | None,
     layers: Sequence[Recipe],
     skel: str,
+    primvars: str,
 ) -> Callable[[Asset], object]:
     """Return what writes the master, or does nothing if none is asked for.
 
@@ -319,8 +320,9 @@ def _keeper(
     if path.resolve() == target.resolve():
         raise UsageError("the master is the output", source=path)
     check_output(path, original, deliver=False)
-    # Nobody looks at it but `verify`, which reads points alone.
-    return writer(original, path, parameters=parameters, skel=skel, primvars=KEEP)
+    # `verify` reads points alone. But a rest pose is posed by what follows.
+    primvars = primvars if skel == REST_POSE else KEEP
+    return writer(original, path, parameters=parameters, skel=skel, primvars=primvars)
 
 
 def _verify(

@@ -183,6 +183,58 @@ class Places:
         return found
 
 
+@dataclass(frozen=True, eq=False)
+class SlidPoints:
+    """Points that slid over a surface without seams, and where they lie on the old one.
+
+    Points that are the same in all respects stay together: they have one row.
+
+    Parameters
+    ----------
+    charts : Charts
+        Over the rows.
+    kept : (R,) int
+        A point of each row.
+    rows : (N,) int
+        The row of each point.
+    before, after : (R, 3) float64
+        The rows.
+    """
+
+    charts: Charts
+    kept: IntArray
+    rows: IntArray
+    before: FloatArray
+    after: FloatArray
+
+    @classmethod
+    def of(cls, F: IntArray, before: FloatArray, after: FloatArray, same: IntArray) -> SlidPoints:
+        """Place points (N, 3); those with equal numbers `same` (N,) are one."""
+        _, kept, rows = np.unique(same, return_index=True, return_inverse=True)
+        rows = rows.reshape(-1)
+        return cls(Charts.whole(rows[F], len(kept)), kept, rows, before[kept], after[kept])
+
+    @cached_property
+    def places(self) -> Places:
+        """Where the rows lie."""
+        return self.charts.places(self.before, self.after)
+
+    def values(self, values: FloatArray) -> FloatArray:
+        """Interpolate values (N, k) of the points at their places."""
+        return self.places.values(values[self.kept])[self.rows]
+
+    def turned(self, vectors: FloatArray) -> FloatArray:
+        """Turn vectors (N, 3) at the places as the surface was turned."""
+        there, here = self._normals
+        return turned_along(vectors, there[self.rows], here[self.rows])
+
+    @cached_property
+    def _normals(self) -> tuple[FloatArray, FloatArray]:
+        """Unit normals (R, 3): of the surface before at the places, and after."""
+        there = self.places.values(self.charts.normals(self.before))
+        return normalized(there), self.charts.normals(self.after)
+
+
 def cut_along_seams(F: IntArray, corners: IntArray, vertices: IntArray, same: IntArray) -> IntArray:
     """Give each corner the number of its row: one for those about a vertex that no seam parts.
 

@@ -13,6 +13,7 @@ from pxr import Sdf, Usd, UsdGeom
 from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.charts import SlidPoints, equal_rows
 from meshmark.mesh.precision import stored
 from meshmark.mesh.topology import triangulate
 from meshmark.usd.baking import bake_normals, unbind
@@ -156,6 +157,7 @@ def author_marked_rest(
     witness: Witness | None = None,
     *,
     follow: bool = False,
+    kept: frozenset[Sdf.Path] = frozenset(),
 ) -> MarkedFrames:
     """Give a rigged prim the rest pose that its rig poses like the marked points; the rig stays.
 
@@ -164,7 +166,10 @@ def author_marked_rest(
     Parameters
     ----------
     follow : bool
-        Whether points that slid get the influences of joints of their new places.
+        Whether points that slid get the influences of joints, and the offsets of blend shapes, of
+        their new places.
+    kept : frozenset of Sdf.Path
+        Blend shapes that stay as they are.
 
     Returns
     -------
@@ -186,14 +191,12 @@ def author_marked_rest(
             prim=path,
         )
     frames = MarkedFrames.of(points, marked)
-    influences = _influences_after(points, frames) if follow else None
-    if influences is not None and points.rig is not None:
-        points = replace(points, rig=replace(points.rig, influences=influences))
-        influences.author(target, over)
+    rig = _followed(target, over, points, frames, kept) if follow else points.rig
+    same, points = rig is points.rig, replace(points, rig=rig)
     rest = RestMoves(points)
     for time, original, new in frames:
-        # The rig may have other influences than it had, when it posed the original.
-        rest.add(time, new - (original if influences is None else points.local(time)))
+        # Another rig poses the unmarked rest pose otherwise, too.
+        rest.add(time, new - (original if same else points.local(time)))
         if witness is not None and np.isfinite(time):
             witness(time, original, new)
     spec = Sdf.AttributeSpec(over, "points", POINT_TYPES[rest.points.dtype.type])
@@ -207,24 +210,43 @@ def author_marked_rest(
     return MarkedFrames.rest(rest.points, rest.marked(), points.rig)
 
 
-def _influences_after(points: MeshPoints, frames: MarkedFrames) -> Influences | None:
-    """Return the influences of a rest pose that was marked with those that it has.
+def _followed(
+    target: StreamedLayer,
+    over: Sdf.PrimSpec,
+    points: MeshPoints,
+    frames: MarkedFrames,
+    kept: frozenset[Sdf.Path],
+) -> Rig:
+    """Write what hangs a rest pose on its rig where its points slid to; return the rig with that.
 
-    The slide needs no more frames than tell what it is like. None where the points have no
-    influences of their own, or none changes; or where the connectivity does.
+    The slide is that of the rest pose that was marked with what it hangs on now. It needs no more
+    frames than tell what it is like. What is of points that have another number stays.
     """
-    rest = RestMoves(points)
-    assert points.rig is not None
-    own = Influences.of(points.rig.skinning, len(rest.points))
-    if own is None or connectivity_changes(points.prim, points.times()):
-        return None
+    rig, rest = points.rig, RestMoves(points)
+    assert rig is not None
+    n_points = len(rest.points)
+    own = Influences.of(rig.skinning, n_points)
+    shapes = rig.shapes if rig.shapes is not None and rig.shapes.fits(n_points) else None
+    nothing = own is None and shapes is None
+    if nothing or connectivity_changes(points.prim, points.times()):
+        return rig
     for index in spread(frames.marked, LOOKED_AT):
         before, after = frames.read(index)
         rest.add(frames.times[index], after - before)
     F = triangulate(*polygons(UsdGeom.Mesh(points.prim), Usd.TimeCode.EarliestTime()))
-    places = rest.points.astype(np.float64), rest.marked().astype(np.float64)
-    influences = own.followed(F, *places)
-    return None if influences.equal(own) else influences
+    before, after = (P.astype(np.float64) for P in (rest.points, rest.marked()))
+    alike = equal_rows(before if own is None else np.column_stack([before, own.columns]))
+    slid = SlidPoints.of(F, before, after, alike if shapes is None else shapes.alike(alike))
+    if own is not None:
+        influences = own.followed(slid)
+        if not influences.equal(own):
+            influences.author(target, over)
+            rig = replace(rig, influences=influences)
+    if shapes is not None:
+        followed = shapes.followed(slid, kept)
+        followed.author(target, shapes)
+        rig = replace(rig, other_shapes=followed)
+    return rig
 
 
 def unmarked_times(points: MeshPoints, marked: MeshAnimation) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from meshmark.usd.stamp import NO_STAMPS, Stamps
 from meshmark.usd.stamping import remove_stamps
 from meshmark.usd.traces import Moved, Traces, replace_traces
 from meshmark.usd.velocities import author_velocities
-from meshmark.usd.writing import author_marked, require_prim
+from meshmark.usd.writing import author_marked, require_prim, staying_shapes
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,14 @@ class Delivery:
         What told of its origin.
     outside : tuple of str
         Paths to textures that lead out of the folder the deliverable lies in.
+    shared : tuple of str
+        Blend shapes that stay, though points of a rest pose slid: several meshes share them.
     """
 
     moved: tuple[Moved, ...] = ()
     removed: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON values, as entries of the manifest."""
@@ -56,7 +59,8 @@ class Delivery:
             "removed": list(self.removed),
             "outside": list(self.outside),
         }
-        return {"delivery": told}
+        shared = {"shared_shapes": list(self.shared)} if self.shared else {}
+        return shared | {"delivery": told}
 
 
 def write_flattened(
@@ -129,7 +133,8 @@ def write_flattened(
             lay_over(target.layer, opened.stage, original, overlay)
             traces = _author(target, opened.points, marked, skel, stamps, primvars)
         stage = Usd.Stage.Open(str(overlay))
-        return _export(stage, traces, output, beside, keep_metadata, stamps)
+        done = _export(stage, traces, output, beside, keep_metadata, stamps)
+    return replace(done, shared=staying_shapes(opened.points, marked, skel, primvars))
 
 
 def _export(
@@ -170,7 +175,17 @@ def _author(
         own = points.of(points.stage.GetPrimAtPath(mesh.prim))
         stamp, witness = stamps.get(mesh.prim), traces.witness(mesh.prim)
         spec = Sdf.CreatePrimInLayer(target.layer, mesh.prim)
-        frames = author_marked(target, spec, own, mesh, skel, primvars, stamp, witness)
+        frames = author_marked(
+            target,
+            spec,
+            own,
+            mesh,
+            skel,
+            primvars,
+            stamp,
+            witness,
+            shared=points.shared_shapes,
+        )
         if frames.rig is not None:
             traces.rigs[mesh.prim] = frames.rig
         authored.append((spec, own, frames))

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.charts import Charts, equal_rows
+from meshmark.mesh.charts import SlidPoints
 from meshmark.usd.layers import StreamedLayer
 
 INDICES, WEIGHTS = "primvars:skel:jointIndices", "primvars:skel:jointWeights"
@@ -79,33 +79,28 @@ class Influences:
     def _stored_weights(self) -> Vt.FloatArray:
         return Vt.FloatArray.FromNumpy(self.weights.astype(np.float32).ravel())
 
-    def followed(self, F: IntArray, before: FloatArray, after: FloatArray) -> Influences:
+    def followed(self, slid: SlidPoints) -> Influences:
         """Give points that slid the influences of their new places on the old surface.
 
         These are interpolated in the triangle there. The largest are kept, as many as there were
         before, and scaled to what all of them weigh. Points that coincide and move alike stay
         together: to them, the surface has no seams.
-
-        Parameters
-        ----------
-        F : (F, 3) int
-            Triangles.
-        before, after : (N, 3) float64
-            The points.
         """
-        own = np.column_stack([before, self.indices, self.weights])
-        _, kept, new = np.unique(equal_rows(own), return_index=True, return_inverse=True)
-        new = new.reshape(-1)
-        places = Charts.whole(new[F], len(kept)).places(before[kept], after[kept])
-        corners, n = kept[places.corners], self.indices.shape[1]
+        places = slid.places
+        corners, n = slid.kept[places.corners], self.indices.shape[1]
         shares = self.weights[corners] * places.clamped[..., None]
-        indices, weights = self.indices[kept], self.weights[kept]
+        indices, weights = self.indices[slid.kept], self.weights[slid.kept]
         there = _largest(self.indices[corners].reshape(-1, 3 * n), shares.reshape(-1, 3 * n), n)
         here = _largest(indices[places.rows], weights[places.rows], n)
         changed = np.any(there[0] != here[0], axis=1)
         changed |= np.any(np.abs(there[1] - here[1]) > SAME, axis=1)
         indices[places.rows[changed]], weights[places.rows[changed]] = (x[changed] for x in there)
-        return Influences(indices[new], weights[new])
+        return Influences(indices[slid.rows], weights[slid.rows])
+
+    @property
+    def columns(self) -> FloatArray:
+        """What is equal for points that move alike, (N, 2 n)."""
+        return np.column_stack([self.indices, self.weights])
 
     def equal(self, other: Influences) -> bool:
         """Tell whether others are the same, in the same order."""

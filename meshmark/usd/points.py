@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.checks import require_measurable
+from meshmark.usd.blend_shapes import shared_shapes
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import REST, local_points, local_to_world, sample_times, world_points
 from meshmark.usd.skinning import Rig, rigs_below, skel_root
@@ -104,6 +106,11 @@ class StagePoints:
             rig = self._rig(prim)
             self._known[path] = MeshPoints(prim) if rig is None else _tried(prim, rig)
         return self._known[path]
+
+    @cached_property
+    def shared_shapes(self) -> frozenset[Sdf.Path]:
+        """Blend shapes that are not one mesh's own."""
+        return shared_shapes(self.stage)
 
     def _rig(self, prim: Usd.Prim) -> Rig | None:
         root = skel_root(prim)

@@ -6,8 +6,9 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.usd.blend_shapes import BlendShapes
 from meshmark.usd.geometry import Float32Array, polygons, time_code
-from meshmark.usd.skinning import BlendShapes, Rig
+from meshmark.usd.skinning import Rig
 
 BY_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
@@ -55,7 +56,7 @@ def _blended(shapes: BlendShapes, normals: Float32Array, code: Usd.TimeCode) -> 
         return normals
     blended, offsets = normals.copy(), shapes.normal_offsets
     for weight, shape, sub_shape in zip(*found, strict=True):
-        vertices = np.asarray(shapes.vertices[shape])
+        vertices = shapes.shapes[shape].vertices
         rows = vertices if vertices.size else np.arange(len(blended))
         fit = rows.size > 0 and 0 <= rows.min() <= rows.max() < len(blended)
         if fit and len(offsets[sub_shape]) == len(rows):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,8 @@ from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
-from meshmark.usd.geometry import Float32Array, finite, local_to_world, time_code, transformed
+from meshmark.usd.blend_shapes import BlendShapes
+from meshmark.usd.geometry import finite, local_to_world, time_code, transformed
 from meshmark.usd.influences import Influences
 
 # Times this close are the same: layer offsets round.
@@ -35,12 +35,15 @@ class Rig:
         Binds the prim to them.
     influences : Influences or None
         Of the joints, in place of those that the prim has.
+    other_shapes : BlendShapes or None
+        In place of those that the prim has.
     """
 
     bone: Usd.Prim
     skeleton: UsdSkel.SkeletonQuery
     skinning: UsdSkel.SkinningQuery
     influences: Influences | None = None
+    other_shapes: BlendShapes | None = None
 
     @property
     def prim(self) -> Usd.Prim:
@@ -54,11 +57,10 @@ class Rig:
 
     @cached_property
     def shapes(self) -> BlendShapes | None:
-        """Its blend shapes, if any of them are animated and fit."""
-        animation = self.skeleton.GetAnimQuery()
-        if not self.skinning.HasBlendShapes() or not animation:
-            return None
-        return BlendShapes.of(self.skinning, animation)
+        """Its blend shapes, if it has any."""
+        if self.other_shapes is not None or not self.skinning.HasBlendShapes():
+            return self.other_shapes
+        return BlendShapes.of(self.skinning, self.skeleton.GetAnimQuery() or None)
 
     @cached_property
     def times(self) -> FloatArray:
@@ -156,68 +158,6 @@ class Rig:
         return finite(matrix)
 
 
-@dataclass(frozen=True, eq=False)
-class BlendShapes:
-    """Blend shapes of a mesh prim, with their in-betweens, and what animates them."""
-
-    query: UsdSkel.BlendShapeQuery
-    mapper: UsdSkel.AnimMapper
-    animation: UsdSkel.AnimQuery
-    vertices: list[Vt.IntArray]
-    offsets: list[Vt.Vec3fArray]
-
-    @classmethod
-    def of(cls, skinning: UsdSkel.SkinningQuery, animation: UsdSkel.AnimQuery) -> BlendShapes:
-        """Collect those of a prim."""
-        query = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(skinning.GetPrim()))
-        return cls(
-            query,
-            skinning.GetBlendShapeMapper(),
-            animation,
-            query.ComputeBlendShapePointIndices(),
-            query.ComputeSubShapePointOffsets(),
-        )
-
-    def sub_shape_weights(self, code: Usd.TimeCode) -> tuple[Any, Any, Any] | None:
-        """Return weight, blend shape and number of each shape and in-between; None if unfit."""
-        weights = self.animation.ComputeBlendShapeWeights(code)
-        mapped = None if weights is None else self.mapper.Remap(weights)
-        if mapped is None or len(mapped) != self.query.GetNumBlendShapes():
-            return None
-        found: tuple[Any, Any, Any] = self.query.ComputeSubShapeWeights(mapped)
-        return found
-
-    def blended(self, points: Vt.Vec3fArray, code: Usd.TimeCode) -> Vt.Vec3fArray:
-        """Add the shapes to the points of the rest pose, as far as they fit.
-
-        Like usd-core's own baking, none of them where one of them does not.
-        """
-        weights = self.sub_shape_weights(code)
-        blended = Vt.Vec3fArray(points)
-        if weights is None or not self.query.ComputeDeformedPoints(
-            *weights, self.vertices, self.offsets, blended
-        ):
-            return points
-        return blended
-
-    @cached_property
-    def normal_offsets(self) -> list[Float32Array]:
-        """What each shape and in-between adds to normals, (m, 3) each; (0, 3) for nothing."""
-        found = [np.zeros((0, 3), dtype=np.float32) for _ in range(self.query.GetNumSubShapes())]
-        whole: dict[int, int] = {}
-        for number in range(len(found)):
-            between = self.query.GetInbetween(number)
-            if between:
-                found[number] = _vectors(between.GetNormalOffsets())
-            else:
-                # A shape is listed at weight 0, where it adds nothing, before weight 1.
-                whole[self.query.GetBlendShapeIndex(number)] = number
-        for shape, number in whole.items():
-            offsets = self.query.GetBlendShape(shape).GetNormalOffsetsAttr()
-            found[number] = _vectors(offsets.Get() if offsets else None)
-        return found
-
-
 def rigs_below(root: Usd.Prim) -> dict[str, Rig]:
     """Map the path of every mesh that a skeleton below a SkelRoot deforms to its rig."""
     cache, skel_root = UsdSkel.Cache(), UsdSkel.Root(root)
@@ -245,8 +185,3 @@ def skel_root(prim: Usd.Prim) -> Usd.Prim | None:
 
 def _deforms(skinning: UsdSkel.SkinningQuery) -> bool:
     return bool(skinning.HasJointInfluences() or skinning.HasBlendShapes())
-
-
-def _vectors(value: Any) -> Float32Array:
-    fit = isinstance(value, Vt.Vec3fArray)
-    return np.asarray(value) if fit else np.zeros((0, 3), dtype=np.float32)

@@ -13,6 +13,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from meshmark.errors import InputError, OutputError
 from meshmark.mesh.asset import Asset
+from meshmark.usd.blend_shapes import TARGETS, equal_shapes
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import sample_times, time_code
 from meshmark.usd.layers import copy_stage_metadata, set_value
@@ -38,7 +39,8 @@ class Place:
     others : tuple of Choice
         The other variants of their sets: in them, nothing changes.
     elsewhere : frozenset of str
-        Primvars, and normals, that are others in variants for which the points are the same.
+        Primvars, normals, and targets of blend shapes, that are others in variants for which the
+        points are the same.
     """
 
     path: Sdf.Path
@@ -109,6 +111,8 @@ def _shaping(
                 own = points.of(points.stage.GetPrimAtPath(path))
                 if _alike(own, stage.GetPrimAtPath(path), others):
                     elsewhere[path] |= different(own.prim, stage.GetPrimAtPath(path))
+                    if not equal_shapes(own.prim, stage.GetPrimAtPath(path)):
+                        elsewhere[path].add(TARGETS)
                 else:
                     matters[path].add(choice)
     shaping = {

@@ -18,12 +18,13 @@ from meshmark.usd.authoring import (
     author_marked_points,
     author_marked_rest,
 )
+from meshmark.usd.blend_shapes import TARGETS, shapes_of
 from meshmark.usd.following import author_followed
 from meshmark.usd.influences import INDICES, WEIGHTS
 from meshmark.usd.layers import StreamedLayer, lay_over, new_layer
 from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
 from meshmark.usd.opening import open_stage
-from meshmark.usd.points import MeshPoints
+from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
 from meshmark.usd.stamp import NO_STAMPS, Stamp, Stamps
 from meshmark.usd.stamping import write_stamp
@@ -39,9 +40,12 @@ class Override:
     ----------
     in_variants : mapping of str to Place
         By their paths, the meshes that are marked in the variants selected, and in no other.
+    shared : tuple of str
+        Blend shapes that stay, though points of a rest pose slid: several meshes share them.
     """
 
     in_variants: Mapping[str, Place]
+    shared: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON values, as entries of the manifest."""
@@ -53,7 +57,8 @@ class Override:
             }
             for prim, place in self.in_variants.items()
         ]
-        return {"variants": told} if told else {}
+        shared = {"shared_shapes": list(self.shared)} if self.shared else {}
+        return shared | ({"variants": told} if told else {})
 
 
 def write_override(
@@ -121,12 +126,34 @@ def write_override(
             stamp = stamps.get(mesh.prim)
             # Inside a variant, influences that are said for all would win.
             kept = places[mesh.prim].elsewhere
-            bound = not places[mesh.prim].variants and kept.isdisjoint((INDICES, WEIGHTS))
-            frames = author_marked(target, spec, points, mesh, skel, primvars, stamp, bound=bound)
+            bound = not places[mesh.prim].variants and kept.isdisjoint((INDICES, WEIGHTS, TARGETS))
+            frames = author_marked(
+                target,
+                spec,
+                points,
+                mesh,
+                skel,
+                primvars,
+                stamp,
+                bound=bound,
+                shared=opened.points.shared_shapes,
+            )
             if primvars == FOLLOW:
                 author_followed(target, spec, points, frames, posed=skel == BAKE, kept=kept)
                 author_velocities(target, spec, points, frames)
-    return Override({prim: place for prim, place in places.items() if place.variants})
+    return Override(
+        {prim: place for prim, place in places.items() if place.variants},
+        staying_shapes(opened.points, marked, skel, primvars),
+    )
+
+
+def staying_shapes(points: StagePoints, marked: Asset, skel: str, primvars: str) -> tuple[str, ...]:
+    """List the blend shapes that stay where those of one mesh alone would follow its points."""
+    if skel != REST_POSE or primvars != FOLLOW:
+        return ()
+    prims = (points.stage.GetPrimAtPath(mesh.prim) for mesh in marked.meshes)
+    bound = {path for prim in prims if points.of(prim).rig for path in shapes_of(prim)}
+    return tuple(sorted(map(str, bound & points.shared_shapes)))
 
 
 def author_marked(
@@ -140,6 +167,7 @@ def author_marked(
     witness: Witness | None = None,
     *,
     bound: bool = True,
+    shared: frozenset[Sdf.Path] = frozenset(),
 ) -> MarkedFrames:
     """Give a prim its marked points, or if it is rigged and `skel` says so, its rest pose.
 
@@ -148,11 +176,15 @@ def author_marked(
     Parameters
     ----------
     bound : bool
-        Whether influences of joints can be written for it.
+        Whether influences of joints, and blend shapes, can be written for it.
+    shared : frozenset of Sdf.Path
+        Blend shapes that are not its own.
     """
     if skel == REST_POSE and points.rig is not None:
         follow = bound and primvars == FOLLOW
-        frames = author_marked_rest(target, spec, points, marked, witness, follow=follow)
+        frames = author_marked_rest(
+            target, spec, points, marked, witness, follow=follow, kept=shared
+        )
     else:
         normals = primvars == KEEP
         frames = author_marked_points(target, spec, points, marked, witness, normals=normals)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,15 @@ from meshmark import verify
 from meshmark.demo import creature
 from meshmark.detection.verdict import Verdict
 from meshmark.embedding.asset import MarkedAsset, embed
-from meshmark.errors import UsageError
+from meshmark.embedding.file import mark_file
+from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.metrics import distortion
+from meshmark.sources.writing import writer
 from meshmark.testing.meshes import icosphere
+from rigged_stages import bent_tube
 
 KEY = Key(bytes(range(32)))
 APEX, RELIEF = Recipe("apex"), Recipe("relief")
@@ -149,3 +154,24 @@ def test_an_informed_scheme_wants_an_original_and_blind_ones_have_no_use_for_it(
         verify(ball, KEY, recipes=[RELIEF])
     with pytest.raises(UsageError, match="no use of an original"):
         verify(ball, KEY, recipes=[APEX], original=ball)
+
+
+@pytest.mark.parametrize(
+    ("skel", "primvars", "written"),
+    [("rest", "follow", "follow"), ("rest", "keep", "keep"), ("bake", "follow", "keep")],
+)
+def test_the_master_of_a_rest_pose_is_posed_like_the_copy(
+    tmp_path: Path, monkeypatch, skel: str, primvars: str, written: str
+) -> None:
+    """What nobody poses holds no more than points: the tube itself can hold no mark."""
+    asked = []
+
+    def noted(original, output, **how):
+        asked.append((Path(output).name, how["skel"], how["primvars"]))
+        return writer(original, output, **how)
+
+    monkeypatch.setattr("meshmark.embedding.file.writer", noted)
+    source, master = bent_tube(tmp_path / "a.usda"), tmp_path / "master.usda"
+    with pytest.raises(CapacityError):
+        mark_file(source, tmp_path / "o.usda", KEY, skel=skel, primvars=primvars, master=master)
+    assert asked == [("o.usda", skel, primvars), ("master.usda", skel, written)]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdSkel
 
+from meshmark.mesh.charts import SlidPoints, equal_rows
 from meshmark.mesh.topology import triangulate
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.influences import INDICES, WEIGHTS, Influences
@@ -31,13 +32,20 @@ def dense(influences: Influences, n_joints: int) -> np.ndarray:
     return found
 
 
+def follow(
+    influences: Influences, F: np.ndarray, before: np.ndarray, after: np.ndarray
+) -> Influences:
+    alike = equal_rows(np.column_stack([before, influences.columns]))
+    return influences.followed(SlidPoints.of(F, before, after, alike))
+
+
 def test_weights_along_a_tube_are_those_of_the_new_place() -> None:
     """Of two joints in any order, with weights that are linear in x."""
     w = V[:, 0] / 2
     indices = np.tile([3, 1], (len(V), 1))
     indices[::2] = indices[::2, ::-1]
     weights = np.where(indices == 1, w[:, None], 1 - w[:, None])
-    followed = Influences(indices, weights).followed(F, V, V + ALONG)
+    followed = follow(Influences(indices, weights), F, V, V + ALONG)
     expected = (V + ALONG)[:, 0] / 2
     np.testing.assert_allclose(dense(followed, 4)[:, 1], expected, atol=1e-12)
     np.testing.assert_allclose(dense(followed, 4)[:, 3], 1 - expected, atol=1e-12)
@@ -46,7 +54,7 @@ def test_weights_along_a_tube_are_those_of_the_new_place() -> None:
 def test_as_many_joints_as_before_are_kept_and_weigh_as_much() -> None:
     """Each ring has a joint of its own: between two rings, one of two is kept."""
     ring = np.repeat(np.arange(9), 8)
-    followed = Influences(ring[:, None], np.full((len(V), 1), 0.7)).followed(F, V, V + 6 * ALONG)
+    followed = follow(Influences(ring[:, None], np.full((len(V), 1), 0.7)), F, V, V + 6 * ALONG)
     # More than half of the way to the next ring.
     np.testing.assert_array_equal(followed.indices[:, 0], ring + INNER)
     np.testing.assert_allclose(followed.weights, 0.7, atol=1e-12)
@@ -58,9 +66,12 @@ def test_points_that_coincide_stay_together() -> None:
     own = np.arange(len(corners))
     w = elbow_weights(V)
     apart = Influences(np.tile([0, 1], (len(V), 1)), np.stack([1 - w, w], axis=1))
-    whole = apart.followed(F, V, V + ALONG)
-    cut = Influences(apart.indices[corners], apart.weights[corners]).followed(
-        triangulate(np.array(COUNTS), own), V[corners], (V + ALONG)[corners]
+    whole = follow(apart, F, V, V + ALONG)
+    cut = follow(
+        Influences(apart.indices[corners], apart.weights[corners]),
+        triangulate(np.array(COUNTS), own),
+        V[corners],
+        (V + ALONG)[corners],
     )
     np.testing.assert_allclose(dense(cut, 2), dense(whole, 2)[corners], atol=1e-12)
 
