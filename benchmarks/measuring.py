@@ -31,12 +31,14 @@ def data_folder() -> Path:
 class Run:
     """A command that was run: exit code, wall seconds, peak memory of its largest process.
 
+    `cpu` is the CPU seconds of all its processes.
     Of the peak, `private_mb` is what the process asked for itself; the rest are pages of files,
     of which the system drops those it needs for something else. NaN where that is not told.
     """
 
     code: int
     seconds: float
+    cpu: float
     peak_mb: float
     private_mb: float
     stdout: str
@@ -61,7 +63,8 @@ def run(*command: object, cwd: Path) -> Run:
         out.seek(0)
         text = out.read()
     seconds = time.perf_counter() - start
-    return Run(process.returncode, seconds, usage.ru_maxrss / 1024, private.result(), text)
+    cpu, peak_mb = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    return Run(process.returncode, seconds, cpu, peak_mb, private.result(), text)
 
 
 def _largest_private_mb(group: int, ended: Event) -> float:

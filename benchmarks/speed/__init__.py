@@ -1,0 +1,1 @@
+"""What `speed_table.py` measures."""
