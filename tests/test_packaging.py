@@ -75,6 +75,8 @@ def test_built_ins_enter_by_the_door_of_strangers(wheel: zipfile.ZipFile) -> Non
     found.read_string(wheel.read(path).decode())
     assert found["console_scripts"]["meshmark"] == "meshmark.cli:main"
     folders = {path.parent.name for path in (REPOSITORY / "plugins").glob("*/*/__init__.py")}
+    # These are called by other programs.
+    folders.remove("publish")
     assert {entry.rpartition(".")[2] for entry in found["meshmark"].values()} == folders
 
 

@@ -25,10 +25,12 @@ from meshmark.version import __version__
 
 # The false positive rate that what was written is verified at.
 TARGET_FPR = 1e-6
+# What says nothing of the marks.
+PLACES = ("source", "output", "asked")
 
 
 def describe_run(
-    marked: MarkedAsset,
+    original: Asset,
     files: Sequence[tuple[str, str]],
     output: Path,
     *,
@@ -40,26 +42,29 @@ def describe_run(
     deliver: bool,
     skel: str,
     primvars: str,
+    asked: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Tell what is marked, as whose copy and how.
+    """Tell what is to be marked, as whose copy and how: all that decides what comes of it.
 
     Parameters
     ----------
-    marked : MarkedAsset
-        Its original as it was read.
+    original : Asset
+        As it was read.
     files : sequence of (str, str)
         Those of the source; see `meshmark.sources.digests.source_digests`. They are named
         relative to the folder of the output.
     parameters : mapping or None
         Of the source's reader, where some were given.
+    asked : mapping
+        What else was asked for, as JSON values.
     """
     folder = output.parent.resolve()
-    path = Path(os.path.relpath(marked.original.source, folder)).as_posix()
+    path = Path(os.path.relpath(original.source, folder)).as_posix()
     source: dict[str, Any] = {"path": path, "files": file_hashes(files, folder)}
     if parameters:
         source["parameters"] = dict(parameters)
-    if marked.original.variants:
-        source["variants"] = list(marked.original.variants)
+    if original.variants:
+        source["variants"] = list(original.variants)
     return {
         "format": FORMAT,
         "meshmark": __version__,
@@ -73,6 +78,7 @@ def describe_run(
         "frames": frames,
         "plugins": layers[0].as_json(),
         "layers": [layer.as_json()["scheme"] for layer in layers],
+        "asked": dict(asked),
     }
 
 
@@ -84,7 +90,7 @@ def record_of(document: Mapping[str, Any], marked: MarkedAsset, key: Key) -> str
     """
     source = document["source"]
     said = {
-        **{name: value for name, value in document.items() if name not in ("source", "output")},
+        **{name: value for name, value in document.items() if name not in PLACES},
         "files": [each["sha256"] for each in source["files"]],
         "parameters": source.get("parameters"),
         "meshes": [mesh.original.prim for mesh in marked.meshes],

@@ -23,7 +23,14 @@ from meshmark.detection.verdict import Verdict, jointly
 from meshmark.detection.verify import judge_all, verify_informed
 from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run, record_of
-from meshmark.embedding.manifest import Manifest, announced, manifest_path, output_hashes
+from meshmark.embedding.manifest import (
+    Manifest,
+    announced,
+    made_before,
+    manifest_path,
+    output_hashes,
+    require_unmarked,
+)
 from meshmark.embedding.outputs import check_output
 from meshmark.errors import NoExtentError, UsageError
 from meshmark.extension.recipe import Recipe, in_order
@@ -71,6 +78,9 @@ def mark_file(
     progress: StageProgress | None = None,
 ) -> Manifest:
     """Mark a source, write the result and its manifest, and verify what was written.
+
+    An output that the same call has made of the same files is left as it is, unless a master is
+    to be written, too.
 
     Parameters
     ----------
@@ -136,6 +146,7 @@ def mark_file(
     _require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel, primvars)
     target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
+    require_unmarked(Path(source), key.id)
     original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
     if stamp and not UsdReader().writes(target):
@@ -155,6 +166,25 @@ def mark_file(
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
     markable = _markable(original, deliver, allow_unmarked)
     files = source_digests(original)
+    document = describe_run(
+        original,
+        files,
+        target,
+        key=key,
+        parameters=parameters,
+        layers=layers,
+        recipient=recipient,
+        frames=frames,
+        deliver=deliver,
+        skel=skel,
+        primvars=primvars,
+        asked={
+            "prims": list(prims),
+            "allow_unmarked": list(allow_unmarked),
+            "keep_metadata": keep_metadata,
+            "stamp": stamp,
+        },
+    )
     verify = partial(
         _verify,
         key=key,
@@ -165,6 +195,8 @@ def mark_file(
         progress=_stage(progress, "verify"),
     )
     with nullcontext() if dry_run else held(target):
+        if not (dry_run or master) and (before := made_before(document, target)):
+            return before
         marked = embed(
             markable,
             key,
@@ -178,19 +210,6 @@ def mark_file(
             require_small(markable, marked.skipped, allow_unmarked)
             require_held(markable, _unheld(marked), allow_unmarked)
         marked = replace(marked, original=original)
-        document = describe_run(
-            marked,
-            files,
-            target,
-            key=key,
-            parameters=parameters,
-            layers=layers,
-            recipient=recipient,
-            frames=frames,
-            deliver=deliver,
-            skel=skel,
-            primvars=primvars,
-        )
         document["skipped"] = _skipped(marked, markable, others, deliver)
         if stamp:
             document["record"] = record_of(document, marked, key)

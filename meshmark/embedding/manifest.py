@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meshmark.errors import InputError
+from meshmark.errors import InputError, UsageError
 from meshmark.files.atomic import write_bytes, write_json
 from meshmark.files.places import data_files
 from meshmark.files.reading import read_small
@@ -102,6 +102,45 @@ def announced(document: dict[str, Any], output: Path) -> Iterator[None]:
         if output_hashes(output) == standing:
             _put_back(content, path)
         raise
+
+
+def own_manifest(output: Path) -> dict[str, Any] | None:
+    """Read the manifest beside a file or folder if it is its own, of a run that was finished."""
+    try:
+        found = _parsed(_content(manifest_path(output)))
+    except InputError:
+        return None
+    if found is None or "unfinished" in found or not output.exists():
+        return None
+    return found if _same(found.get("output_files"), output_hashes(output)) else None
+
+
+def made_before(document: dict[str, Any], output: Path) -> Manifest | None:
+    """Return the manifest of an output that a run like this one has made, as it left it.
+
+    Parameters
+    ----------
+    document : dict
+        What is known of the output before it is made.
+    """
+    found = own_manifest(output)
+    said = json.loads(json.dumps(document))
+    if found is None or any(found.get(name) != value for name, value in said.items()):
+        return None
+    return Manifest(found, manifest_path(output))
+
+
+def require_unmarked(source: Path, key_id: str) -> None:
+    """Refuse to mark what the same key has marked before: marks would pile up.
+
+    Raises
+    ------
+    UsageError
+        If the manifest beside it says so.
+    """
+    found = own_manifest(source)
+    if found is not None and found.get("key_id") == key_id:
+        raise UsageError("is marked by this key; mark what it was made of", source=source)
 
 
 def remark(output: Path) -> str | None:

@@ -20,9 +20,10 @@ from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.embedding import file as publishing
 from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import announced, manifest_path, output_hashes, remark
-from meshmark.errors import InputError, OutputError
+from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
+from meshmark.keys import Key
 from meshmark.testing.meshes import bumpy_sphere
 from meshmark.testing.schemas import schema_folder
 
@@ -199,6 +200,61 @@ def test_a_source_that_changes_while_it_is_marked_is_not_written(
     with pytest.raises(InputError, match=r"0002\.obj: changed while"):
         mark(source, tmp_path / "out.usda", "acme")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["frames"]
+
+
+@pytest.mark.parametrize("name", ["out.usda", "out"])
+def test_what_was_made_before_is_not_made_again(source, tmp_path, monkeypatch, name) -> None:
+    output = tmp_path / name
+    document = mark(source, output, "acme")
+    with monkeypatch.context() as patch:
+        patch.setattr(publishing, "embed", None)
+        assert mark(source, output, " acme") == document
+    assert manifest(output) == document
+
+
+def test_what_is_not_the_same_is_made_anew(source, tmp_path, monkeypatch) -> None:
+    output = tmp_path / "out.usda"
+    mark(source, output, "acme")
+    given = {"key": KEY, "recipe": RECIPE, "recipient": "acme"}
+    finer = Recipe("cho2007", settings={"cho2007": {"bits": 32}})
+
+    def stop(*args, **options):
+        raise OutputError("at work")
+
+    monkeypatch.setattr(publishing, "embed", stop)
+    for change in (
+        {"recipient": "globex"},
+        {"key": Key(bytes(32))},
+        {"recipe": finer},
+        {"primvars": "keep"},
+        {"frames": "1:1"},
+        {"stamp": True},
+        {"deliver": True},
+        {"prims": ["/"]},
+        {"master": tmp_path / "master.usda"},
+    ):
+        with pytest.raises(OutputError, match="at work"):
+            mark_file(source, output, **{**given, **change})
+    for file in (source / "0002.obj", output, manifest_path(output)):
+        before = file.read_text()
+        file.write_text(f"{before}\n" if file != manifest_path(output) else "{}")
+        with pytest.raises(OutputError, match="at work"):
+            mark_file(source, output, **given)
+        file.write_text(before)
+    # And nothing else was changed.
+    assert mark_file(source, output, **given).document == manifest(output)
+
+
+def test_marks_of_one_key_do_not_pile_up(source, tmp_path) -> None:
+    first, second = tmp_path / "first.usda", tmp_path / "second.usda"
+    mark(source, first, "acme")
+    for recipient in ("acme", "globex"):
+        with pytest.raises(UsageError, match=r"first\.usda: is marked by this key"):
+            mark(first, second, recipient)
+    assert not second.exists()
+    # Somebody else's mark may lie upon it, as a vendor's upon the studio's.
+    mark_file(first, second, Key(bytes(32)), recipe=RECIPE)
+    assert remark(second) is None
 
 
 def test_of_two_runs_one_is_told_at_once(source, tmp_path, monkeypatch) -> None:

@@ -1,0 +1,1 @@
+"""Hooks of publishing pipelines: each marks what is published, or keeps it from being published."""

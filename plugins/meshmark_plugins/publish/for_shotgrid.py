@@ -1,0 +1,90 @@
+"""A hook of ShotGrid's publisher, tk-multi-publish2: files are marked, then published.
+
+It goes on top of the hook that publishes files, so that this one gets marked files only:
+
+    hook: "{self}/publish_file.py:{config}/tk-multi-publish2/for_shotgrid.py"
+
+A collector may set two properties of an item: `meshmark_recipient`, whose copy it will be, and
+`meshmark_waiver`, who allows, and why, that what can hold no mark is published unmarked. What
+became of the file is in the property `meshmark` then.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import sgtk
+
+from meshmark.errors import CapacityError, InputError
+from meshmark_plugins.publish.marking import holds_meshes, mark, require_capacity
+
+KEY_FILE, RECIPIENT, SCHEMES = "Meshmark Key File", "Meshmark Recipient", "Meshmark Schemes"
+
+HookBaseClass = sgtk.get_hook_baseclass()
+
+
+class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
+    """Publish the marked file in place of the one that was collected."""
+
+    @property
+    def description(self) -> str:
+        """What artists read about it."""
+        return f"{super().description}\n\nMeshes are marked before the file is published."
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What is configured: the settings of the hook below, and ours."""
+        ours = {
+            KEY_FILE: {"type": "string", "default": "", "description": "The studio's key file."},
+            RECIPIENT: {
+                "type": "string",
+                "default": "",
+                "description": "Whose copies these are, where an item does not say.",
+            },
+            SCHEMES: {
+                "type": "list",
+                "values": {"type": "string"},
+                "default": [],
+                "description": "The layers of a mark; the default ones where empty.",
+            },
+        }
+        return {**(super().settings or {}), **ours}
+
+    def validate(self, settings: dict[str, Any], item: Any) -> bool:
+        """Validate as the hook below does, and foresee the mark."""
+        if not super().validate(settings, item):
+            return False
+        path = item.properties["path"]
+        try:
+            if holds_meshes(path):
+                require_capacity(path, {"schemes": settings[SCHEMES].value})
+        except (CapacityError, InputError) as error:
+            if not item.properties.get("meshmark_waiver"):
+                self.logger.error("%s", error)
+                return False
+            self.logger.warning("waived: %s", error)
+        return True
+
+    def publish(self, settings: dict[str, Any], item: Any) -> None:
+        """Mark the file, then let the hook below publish that; an error ends the publish."""
+        path = Path(item.properties["path"])
+        if not holds_meshes(path):
+            super().publish(settings, item)
+            return
+        recipient = item.properties.get("meshmark_recipient") or settings[RECIPIENT].value
+        published = mark(
+            path,
+            path.with_stem(f"{path.stem}.marked"),
+            settings[KEY_FILE].value,
+            recipient=recipient or None,
+            waiver=item.properties.get("meshmark_waiver"),
+            options={"schemes": settings[SCHEMES].value},
+        )
+        item.properties["meshmark"] = published.told
+        item.properties["path"] = str(published.path)
+        try:
+            super().publish(settings, item)
+        finally:
+            # What comes last, as saving the next version, is about the collected file.
+            item.properties["path"] = str(path)
