@@ -149,9 +149,10 @@ def require_measurable(points: NDArray[Any]) -> None:
     InputError
         If a coordinate is not finite, or beyond what single precision can hold.
     """
-    unfit = np.flatnonzero(~measurable(points))
-    if len(unfit):
-        first = points[unfit[0]]
+    # All at once: points are looked at one by one only where one is wrong.
+    if not (np.abs(points) <= FARTHEST).all():
+        index = int(np.argmin(measurable(points)))
+        first = points[index]
         finite = np.isfinite(first).all()
         what = "too far from the origin to compute with" if finite else "not finite"
-        raise InputError(f"point {unfit[0]} is {what}: {first.tolist()}")
+        raise InputError(f"point {index} is {what}: {first.tolist()}")

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.accessors import Accessors
 from meshmark_plugins.readers.gltf.element import Element
 from meshmark_plugins.readers.gltf.geometry import Vertices
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +27,9 @@ class Skin:
     ----------
     joints : tuple of int
         Nodes.
-    inverse_bind : (J, 4, 4) float64
-        From the space that the mesh is bound in to that of each joint.
+    inverse_bind : (J + 1, 4, 4) float64
+        From the space that the mesh is bound in to that of each joint; and the identity for the
+        node of the mesh itself.
     """
 
     joints: tuple[int, ...]
@@ -39,38 +45,37 @@ class Binding:
     vertices : Vertices
         With joints, by their numbers in the skin, and weights of any sum.
     inverse_bind : (J + 1, 4, 4) float64
-        That of the skin; and the identity for the node of the mesh itself, which carries vertices
-        that no joint does.
+        That of the skin. The node of the mesh, which is the last, carries vertices that no joint
+        does.
     """
 
     vertices: Vertices
     inverse_bind: FloatArray
 
     @cached_property
-    def weights(self) -> FloatArray:
-        """Return the weights of the joints, and then of the node, (N, W + 1) of sum 1."""
+    def weights(self) -> csr_matrix:
+        """Weights of the joints, and of the node, (N, J + 1); each row's sum is 1."""
+        # Imported here: who only reads a file has read it in less time.
+        from scipy.sparse import csr_matrix
+
         weights = self.vertices.weights.astype(np.float64)
         total = weights.sum(axis=1)
         still = np.abs(total) < np.finfo(np.float32).tiny
         weights /= np.where(still, 1.0, total)[:, None]
         weights[still] = 0.0
-        return np.column_stack([weights, still.astype(np.float64)])
-
-    @cached_property
-    def joints(self) -> IntArray:
-        """Return the numbers of the joints, and then of the node, (N, W + 1)."""
-        joints = np.where(self.vertices.weights != 0, self.vertices.joints, 0)
-        node = np.full((len(joints), 1), len(self.inverse_bind) - 1)
-        return np.hstack([joints.astype(np.int64), node])
+        weights = np.column_stack([weights, still])
+        joints = np.pad(self.vertices.joints.astype(np.int64), ((0, 0), (0, 1)))
+        joints[:, -1] = len(self.inverse_bind) - 1
+        # What has no weight may name anything.
+        used = weights != 0
+        ends = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+        shape = len(weights), len(self.inverse_bind)
+        return csr_matrix((weights[used], joints[used], ends), shape=shape)
 
     def blended(self, worlds: FloatArray) -> FloatArray:
         """Return the matrix of each vertex, (N, 3, 4); see `skinned`."""
-        moves = (worlds @ self.inverse_bind)[:, :3]
-        blended = np.zeros((len(self.joints), 3, 4))
-        for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
-            if weights.any():
-                blended += weights[:, None, None] * moves[joints]
-        return blended
+        moves = (worlds @ self.inverse_bind)[:, :3].reshape(-1, 12)
+        return (self.weights @ moves).reshape(-1, 3, 4)
 
     def skinned(self, points: FloatArray, worlds: FloatArray) -> FloatArray:
         """Move points by linear blend skinning.
@@ -88,10 +93,10 @@ class Binding:
             In world space.
         """
         blended = self.blended(worlds)
-        return (blended[:, :, :3] @ points[:, :, None])[:, :, 0] + blended[:, :, 3]
+        return np.einsum("nij,nj->ni", blended[:, :, :3], points) + blended[:, :, 3]
 
 
-def read_skin(skin: Element, nodes: tuple[object, ...], accessors: Accessors) -> Skin:
+def read_skin(skin: Element, nodes: Sequence[object], accessors: Accessors) -> Skin:
     """Read a skin.
 
     Raises
@@ -102,14 +107,16 @@ def read_skin(skin: Element, nodes: tuple[object, ...], accessors: Accessors) ->
     joints = skin.indices("joints", nodes)
     if not joints:
         skin.fail("joints", "is missing or empty")
-    inverse_bind = np.tile(np.eye(4), (len(joints), 1, 1))
+    # The last is that of the node.
+    inverse_bind = np.empty((len(joints) + 1, 4, 4))
+    inverse_bind[:] = np.eye(4)
     if "inverseBindMatrices" in skin:
         index = skin.index("inverseBindMatrices", accessors.elements)
         n = accessors.count(index)
         if n < len(joints):
             skin.fail("inverseBindMatrices", f"are {n}, but there are {len(joints)} joints")
         columns = accessors.numbers(index, 16, count=n)[: len(joints)]
-        inverse_bind = columns.astype(np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
+        inverse_bind[:-1] = columns.reshape(-1, 4, 4).transpose(0, 2, 1)
     return Skin(joints, inverse_bind)
 
 
@@ -130,4 +137,4 @@ def bind(vertices: Vertices, skin: Skin) -> Binding:
             row = int(np.argmax(wrong.any(axis=1)))
             named = joints[wrong].max()
             raise InputError(f"vertex {row} follows joint {named} of a skin of {n} joints")
-    return Binding(vertices, np.concatenate([skin.inverse_bind, np.eye(4)[None]]))
+    return Binding(vertices, skin.inverse_bind)
