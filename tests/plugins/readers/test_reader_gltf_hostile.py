@@ -111,6 +111,16 @@ def nan_weights() -> bytes:
     return made.binary()
 
 
+def nan_key() -> bytes:
+    made = quad()
+    made.add("nodes", children=[0])
+    values = np.zeros((3, 3))
+    made.animate(0, "translation", [0, 1, 2], values)
+    values[2, 1] = np.inf
+    made.animate(1, "translation", [0, 1, 2], values)
+    return made.binary()
+
+
 WHOLE = quad().binary()
 FILES = {
     "empty": (b"", "does not begin with 'glTF'"),
@@ -180,6 +190,28 @@ FILES = {
     "deep nodes": (chain(20_000), "more than 1000 nodes below its root"),
     "child": (changed(quad(), "nodes", 0, "children", value=[7]), r"children\[0\] is 7, but"),
     "NaN in weights": (nan_weights(), r"accessors\[\d+\]: element 1 is not finite"),
+    "infinite key": (nan_key(), r"accessors\[5\]: element 2 is not finite"),
+    "no node": (changed(ball(), "nodes", 1, value=3), r"nodes\[1\] is 3, not an object"),
+    "rotation": (
+        changed(ball(), "nodes", 1, "rotation", value=[0, 0, True, 1]),
+        r"nodes\[1\].rotation holds True, which is not a number",
+    ),
+    "channel": (
+        changed(ball(), "animations", 0, "channels", 1, "target", "path", value=5),
+        r"animations\[0\].channels\[1\].target.path is 5, not a text",
+    ),
+    "target": (
+        changed(ball(), "animations", 0, "channels", 1, "target", value=[]),
+        r"animations\[0\].channels\[1\].target is a list, not an object",
+    ),
+    "sampler": (
+        changed(ball(), "animations", 0, "samplers", 2, "output", value=99),
+        r"animations\[0\].samplers\[2\].output is 99, but there are",
+    ),
+    "interpolation": (
+        changed(ball(), "animations", 0, "samplers", 2, "interpolation", value="x"),
+        r"samplers\[2\].interpolation is 'x', not one of STEP, LINEAR, CUBICSPLINE",
+    ),
     "no joints": (changed(ball(), "skins", 0, "joints", value=[]), r"skins\[0\].joints is missing"),
     "joint": (changed(ball(), "skins", 0, "joints", value=[1, 99]), r"joints\[1\] is 99, but"),
     "few joints": (changed(ball(), "skins", 0, "joints", value=[1]), "of a skin of 1 joints"),

@@ -59,6 +59,31 @@ def test_rotations_keep_their_speed_and_take_the_shorter_way(read, sign):
     np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 1, atol=1e-6)
 
 
+def about_z(degrees):
+    half = np.radians(degrees) / 2
+    return np.array([0, 0, np.sin(half), np.cos(half)])
+
+
+def test_each_of_several_nodes_turns_at_its_own_speed(read):
+    made = quad()
+    for node in range(3):
+        made.add("nodes", children=[node])
+    # Far, next to nothing, the longer way round, and with keys of its own.
+    for node, (times, end) in enumerate(
+        [
+            ([0, 1], about_z(80)),
+            ([0, 1], about_z(1)),
+            ([0, 1], -about_z(-40)),
+            ([0, 2], about_z(90)),
+        ]
+    ):
+        made.animate(node, "rotation", times, [[0, 0, 0, 1], end])
+    mesh = read(made, fps=4).meshes[0]
+    corners = np.array([frame.points[1] for frame in mesh][:5])
+    angles = np.degrees(np.arctan2(corners[:, 1], corners[:, 0]))
+    np.testing.assert_allclose(angles, np.arange(5) / 4 * (80 + 1 - 40 + 45), atol=1e-5)
+
+
 def test_an_animated_matrix_is_taken_apart(read):
     made = quad()
     # Mirrored in x, turned a quarter about z, scaled by 3, moved.

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from meshmark.arrays import IntArray
@@ -29,7 +28,7 @@ KINDS = tuple(WIDTHS)
 
 
 class Accessors:
-    """The accessors of a document; each array is a copy of what it needs of a file.
+    """The accessors of a document; each array handed out is a copy of what it needs of a file.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ class Accessors:
     """
 
     def __init__(self, root: Element, buffers: Buffers) -> None:
-        self.elements: Sequence[Element] = root.objects("accessors")
+        self.elements = root.objects("accessors")
         self._buffers = buffers
 
     def count(self, index: int) -> int:
@@ -51,9 +50,9 @@ class Accessors:
         """Return how many numbers an element of an accessor has."""
         return WIDTHS[self.elements[index].one_of("type", KINDS)]
 
-    def values(self, index: int, *, stored: NDArray[Any] | None = None) -> NDArray[Any]:
+    def values(self, index: int, width: int, *, stored: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return numbers as they are stored, (N, width); see `numbers`."""
-        return self._values(self.elements[index], self.width(index), None, stored)
+        return self._values(self.elements[index], width, None, stored).copy()
 
     def numbers(
         self,
@@ -80,19 +79,12 @@ class Accessors:
             Finite; float64 where integers stand for numbers within [-1, 1].
         """
         accessor = self.elements[index]
-        values = self._values(accessor, width, count, stored)
-        if values.dtype.kind == "f":
-            finite = np.isfinite(values)
-            if not finite.all():
-                row = int(np.argmin(finite.all(axis=1)))
-                raise InputError(f"{accessor.place}: element {row} is not finite")
-            return values
-        if not accessor.flag("normalized"):
-            # Single precision holds integers of two bytes.
-            return values.astype(np.float32 if values.itemsize < 4 else np.float64)
-        found = values / LARGEST_OF[values.dtype]
-        # The least number of a signed type stands for -1, as its neighbour does.
-        return found if values.dtype.kind == "u" else np.maximum(found, -1.0, out=found)
+        return _real([accessor], [self._values(accessor, width, count, stored)])
+
+    def joined(self, indices: Sequence[int], width: int, count: int) -> NDArray[np.floating]:
+        """Return real numbers of accessors of the same count behind each other; see `numbers`."""
+        chosen = [self.elements[index] for index in indices]
+        return _real(chosen, [self._values(each, width, count) for each in chosen])
 
     def integers(
         self,
@@ -107,7 +99,7 @@ class Accessors:
         values = self._values(accessor, width, count, stored)
         if values.dtype.kind != "u":
             accessor.fail("componentType", "is not of unsigned integers")
-        return values
+        return values.copy()
 
     def rows(self, index: int) -> list[Rows]:
         """Return where the numbers of an accessor stand: in its view, and where it is sparse."""
@@ -129,8 +121,13 @@ class Accessors:
         return Rows((VIEWS, number), begin, stride, count, width, dtype)
 
     def _values(
-        self, accessor: Element, width: int, count: int | None, stored: NDArray[Any] | None
+        self,
+        accessor: Element,
+        width: int,
+        count: int | None = None,
+        stored: NDArray[Any] | None = None,
     ) -> NDArray[Any]:
+        """Return numbers as they are stored, (N, width), perhaps where they stand."""
         claimed = accessor.integer("count", low=1)
         if count is not None and claimed != count:
             accessor.fail("count", f"is {claimed}, not {count}")
@@ -142,8 +139,8 @@ class Accessors:
                 raise InputError(f"{accessor.place}: {found} numbers were compressed")
             return stored
         dtype = stored_type(accessor)
-        sparse = accessor.object("sparse") if "sparse" in accessor else None
-        if "bufferView" in accessor:
+        sparse = accessor.object("sparse") if "sparse" in accessor.members else None
+        if "bufferView" in accessor.members:
             values = self._dense(accessor, dtype, claimed, width)
         else:
             # Nothing but the number of vertices, or what is listed, bounds what is allocated.
@@ -156,7 +153,7 @@ class Accessors:
         return np.zeros((claimed, width), dtype=dtype) if values is None else values
 
     def _dense(self, holder: Element, dtype: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
-        """Copy the rows that a view holds from an offset on."""
+        """Return the rows that a view holds from an offset on, where they stand."""
         number = holder.index("bufferView", self._buffers.views)
         view, size = self._buffers.view(number), width * dtype.itemsize
         stride = self._buffers.stride(number) or size
@@ -168,12 +165,7 @@ class Accessors:
             )
         if end > len(view):
             raise InputError(f"{holder.place}: ends at byte {end} of a view of {len(view)} bytes")
-        if stride == size:
-            flat = np.frombuffer(view, dtype, count * width, begin)
-            return flat.reshape(count, width).copy()
-        rows = np.frombuffer(view, np.uint8, end - begin, begin)
-        picked = as_strided(rows, (count, size), (stride, 1), writeable=False)
-        return np.ascontiguousarray(picked).view(dtype)
+        return np.ndarray((count, width), dtype, view, begin, (stride, dtype.itemsize))
 
     def _with_sparse(
         self,
@@ -186,8 +178,7 @@ class Accessors:
         """Put in the elements that are listed one by one."""
         indices = self._listed(sparse, count)
         replaced = self._dense(sparse.object("values"), dtype, len(indices), width)
-        if values is None:
-            values = np.zeros((count, width), dtype=dtype)
+        values = np.zeros((count, width), dtype=dtype) if values is None else values.copy()
         values[indices] = replaced
         return values
 
@@ -206,6 +197,33 @@ class Accessors:
         if indices.max() >= count:
             raise InputError(f"{where.place}: {indices.max()} is out of range for {count} elements")
         return indices
+
+
+def _real(accessors: Sequence[Element], stored: Sequence[NDArray[Any]]) -> NDArray[np.floating]:
+    """Return the real numbers of accessors of the same count behind each other, all finite."""
+    pairs = list(zip(accessors, stored, strict=True))
+    kinds = {(each.dtype, _is_normalized(accessor, each)) for accessor, each in pairs}
+    if len(kinds) > 1:
+        return np.concatenate([_real([accessor], [each]) for accessor, each in pairs])
+    [(dtype, normalized)] = kinds
+    values = np.concatenate(stored)
+    if dtype.kind == "f":
+        finite = np.isfinite(values)
+        if not finite.all():
+            wrong, row = divmod(int(np.argmin(finite.all(axis=1))), len(stored[0]))
+            raise InputError(f"{accessors[wrong].place}: element {row} is not finite")
+        return values
+    if not normalized:
+        # Single precision holds integers of two bytes.
+        return values.astype(np.float32 if values.itemsize < 4 else np.float64)
+    found = values / LARGEST_OF[dtype]
+    # The least number of a signed type stands for -1, as its neighbour does.
+    return found if dtype.kind == "u" else np.maximum(found, -1.0, out=found)
+
+
+def _is_normalized(accessor: Element, stored: NDArray[Any]) -> bool:
+    """Tell whether integers stand for numbers within [-1, 1]."""
+    return stored.dtype.kind != "f" and accessor.flag("normalized")
 
 
 def stored_type(element: Element) -> np.dtype[Any]:

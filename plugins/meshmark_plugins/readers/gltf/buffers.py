@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from meshmark.errors import InputError
@@ -27,7 +26,7 @@ class Buffers:
     """
 
     def __init__(self, container: Container, folder: Path) -> None:
-        self.views: Sequence[Element] = container.root.objects("bufferViews")
+        self.views = container.root.objects("bufferViews")
         self._buffers = container.root.objects("buffers")
         self._binary = container.binary
         self._folder = folder

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.accessors import Accessors, stored_type
 from meshmark_plugins.readers.gltf.element import Element
@@ -24,64 +25,69 @@ NEARLY_EQUAL = 0.9999
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
-    """One value over time.
+class Tracks:
+    """Values of the same kind over time, with keys at the same times.
 
     Parameters
     ----------
     times : (K,) float64
         Of the keys, in seconds, not decreasing.
-    stored : (K, P, C) float
-        What is stored of each key: its value; of cubic splines, the tangent into it, the value,
-        and the tangent out of it.
+    stored : (R, K, P, C) float
+        What is stored of each value at each key: the value; of cubic splines, the tangent into
+        it, the value, and the tangent out of it.
     interpolation : str
-    is_rotation : bool
+    are_rotations : bool
         Whether the values are quaternions: between keys, they go along the shorter arc.
     """
 
     times: FloatArray
     stored: NDArray[np.floating]
     interpolation: str
-    is_rotation: bool
+    are_rotations: bool
 
     @cached_property
     def values(self) -> FloatArray:
-        """Values at the keys, (K, C)."""
-        values = self.stored[:, self.stored.shape[1] // 2].astype(np.float64)
-        if self.is_rotation and self.tangents is None:
-            length = np.linalg.norm(values, axis=1, keepdims=True)
+        """Values at the keys, (K, R, C)."""
+        values = self._part(self.stored.shape[2] // 2)
+        if self.are_rotations and self.interpolation != CUBIC:
+            length = np.linalg.norm(values, axis=2, keepdims=True)
             values /= np.where(length == 0, 1.0, length)
         return values
 
     @cached_property
-    def tangents(self) -> FloatArray | None:
-        """Tangents into and out of each key, (2, K, C), of cubic splines."""
-        if self.interpolation != CUBIC:
-            return None
-        return np.stack([self.stored[:, 0], self.stored[:, 2]]).astype(np.float64)
+    def tangents(self) -> tuple[FloatArray, FloatArray]:
+        """Tangents of cubic splines into and out of each key, (K, R, C)."""
+        return self._part(0), self._part(2)
 
-    def at(self, time: float) -> FloatArray:
-        """Return the value at a time, (C,); before the first key and after the last, theirs."""
+    def at(self, time: float, rows: IntArray | int) -> FloatArray:
+        """Return some values at a time, (n, C); before the first key and after the last, theirs."""
         after = int(np.searchsorted(self.times, time, side="right"))
         for key in (after, after - 1):
             if 0 <= key < len(self.times) and abs(self.times[key] - time) <= SINGLE * abs(time):
-                return self.values[key]
+                return self.values[key, rows]
         if after == 0 or after == len(self.times) or self.interpolation == STEP:
-            return self.values[max(after - 1, 0)]
+            return self.values[max(after - 1, 0), rows]
         span = self.times[after] - self.times[after - 1]
         t = (time - self.times[after - 1]) / span
-        before, following = self.values[after - 1], self.values[after]
-        if self.tangents is not None:
-            out, into = self.tangents[1, after - 1] * span, self.tangents[0, after] * span
+        before, following = self.values[after - 1, rows], self.values[after, rows]
+        if self.interpolation == CUBIC:
+            into, out = self.tangents
             return (
                 (2 * t**3 - 3 * t**2 + 1) * before
-                + (t**3 - 2 * t**2 + t) * out
+                + (t**3 - 2 * t**2 + t) * (out[after - 1, rows] * span)
                 + (3 * t**2 - 2 * t**3) * following
-                + (t**3 - t**2) * into
+                + (t**3 - t**2) * (into[after, rows] * span)
             )
-        if self.is_rotation:
-            return _along_arc(before, following, t)
+        if self.are_rotations:
+            return _along_arcs(before, following, t)
         return before + t * (following - before)
+
+    def _part(self, part: int) -> FloatArray:
+        return self.stored[:, :, part].swapaxes(0, 1).astype(np.float64, order="C")
+
+
+# One value over time.
+Row = tuple[Tracks, int]
 
 
 @dataclass(frozen=True)
@@ -91,20 +97,22 @@ class Clip:
     Parameters
     ----------
     name : str
-    tracks : mapping of (int, str) to Track
-        By node, and what of it changes: translation, rotation, scale, or weights.
+    tracks : mapping of str to mapping of int to (Tracks, int)
+        By what changes, translation, rotation, scale, or weights, and by node: the values over
+        time, and which row of them.
     notes : tuple of str
         What of it is not looked at.
     """
 
     name: str
-    tracks: Mapping[tuple[int, str], Track]
+    tracks: Mapping[str, Mapping[int, Row]]
     notes: tuple[str, ...] = ()
 
     @property
     def span(self) -> tuple[float, float]:
         """Time of the first and of the last key, in seconds."""
-        times = [track.times for track in self.tracks.values()]
+        rows = chain.from_iterable(of_nodes.values() for of_nodes in self.tracks.values())
+        times = [tracks.times for tracks in {tracks for tracks, _ in rows}]
         return min(each[0] for each in times), max(each[-1] for each in times)
 
 
@@ -137,78 +145,105 @@ def read_clip(
     InputError
         If a channel does not fit its sampler, or what it changes.
     """
-    samplers = animation.objects("samplers")
-    tracks: dict[tuple[int, str], Track] = {}
-    unknown: dict[str, None] = {}
-    for channel in animation.objects("channels"):
-        sampler = samplers[channel.index("sampler", samplers)]
-        target = channel.object("target")
-        path = target.text("path")
-        node = target.optional_index("node", nodes)
-        if path not in WIDTHS and path != WEIGHTS:
-            unknown[path] = None
-        elif node is not None:
-            width = n_weights.get(node, 0) if path == WEIGHTS else WIDTHS[path]
-            # Weights of a mesh without targets change nothing.
-            if width:
-                tracks[node, path] = _track(sampler, path, width, key_times, accessors)
+    samplers, channels = animation.objects("samplers"), animation.objects("channels")
+    sampler_of = channels.indices("sampler", samplers)
+    targets = channels.objects("target")
+    paths = targets.texts("path")
+    moving = targets.having("node")
+    # Weights of a mesh without targets change nothing.
+    wanted = {
+        (node, path): sampler_of[channel]
+        for channel, node in zip(moving, targets.chosen(moving).indices("node", nodes), strict=True)
+        if (path := paths[channel]) in WIDTHS or (path == WEIGHTS and n_weights.get(node))
+    }
+    chosen = samplers.chosen(list(wanted.values()))
+    timelines = map(key_times.number, chosen.indices("input", accessors.elements))
+    outputs = chosen.indices("output", accessors.elements)
+    kinds = chosen.choices("interpolation", INTERPOLATIONS, LINEAR)
+    alike: dict[tuple[int, str, str, int], dict[int, int]] = {}
+    for (node, path), timeline, output, kind in zip(wanted, timelines, outputs, kinds, strict=True):
+        width = WIDTHS[path] if path in WIDTHS else n_weights[node]
+        alike.setdefault((timeline, kind, path, width), {})[node] = output
+    tracks: dict[str, dict[int, Row]] = {}
+    for (timeline, kind, path, width), output_of in alike.items():
+        times = key_times.different[timeline]
+        found = _tracks(list(output_of.values()), times, kind, path, width, accessors)
+        rows = {node: (found, row) for row, node in enumerate(output_of)}
+        tracks.setdefault(path, {}).update(rows)
+    unknown = dict.fromkeys(path for path in paths if path not in WIDTHS and path != WEIGHTS)
     notes = [f"changes of {path[:40]!a} over time are not read" for path in unknown]
     return Clip(name, tracks, tuple(notes))
 
 
-def _track(
-    sampler: Element, path: str, width: int, key_times: KeyTimes, accessors: Accessors
-) -> Track:
-    interpolation = sampler.one_of("interpolation", INTERPOLATIONS, LINEAR)
-    times = key_times.of(sampler)
+def _tracks(
+    outputs: Sequence[int],
+    times: FloatArray,
+    interpolation: str,
+    path: str,
+    width: int,
+    accessors: Accessors,
+) -> Tracks:
     parts = 3 if interpolation == CUBIC else 1
-    output = sampler.index("output", accessors.elements)
     # Weights are listed one by one.
     each, rows = (1, width) if path == WEIGHTS else (width, 1)
-    listed = accessors.numbers(output, each, count=len(times) * parts * rows)
-    stored = listed.reshape(len(times), parts, width)
-    return Track(times, stored, interpolation, path == "rotation")
+    listed = accessors.joined(outputs, each, len(times) * parts * rows)
+    stored = listed.reshape(len(outputs), len(times), parts, width)
+    return Tracks(times, stored, interpolation, path == "rotation")
 
 
 class KeyTimes:
-    """When keys are, in seconds: (K,) float64 of each accessor, read once for all its samplers.
+    """When keys are, by number: most samplers have the same keys, in accessors of their own.
 
     Parameters
     ----------
     accessors : Accessors
+
+    Attributes
+    ----------
+    different : list of (K,) float64
+        In seconds.
     """
 
     def __init__(self, accessors: Accessors) -> None:
         self._accessors = accessors
-        self._read: dict[int, FloatArray] = {}
+        self._of_accessor: dict[int, int] = {}
+        self._of_bytes: dict[bytes, int] = {}
+        self.different: list[FloatArray] = []
 
-    def of(self, sampler: Element) -> FloatArray:
-        """Return those of a sampler."""
-        index = sampler.index("input", self._accessors.elements)
-        if index not in self._read:
-            accessor = self._accessors.elements[index]
-            if stored_type(accessor).kind != "f":
-                accessor.fail("componentType", "is of integers; times of keys are floats")
+    def number(self, index: int) -> int:
+        """Return the number of the times that are in an accessor."""
+        if index not in self._of_accessor:
+            self._of_accessor[index] = self._number(index)
+        return self._of_accessor[index]
+
+    def of_all(self, animations: Sequence[Element]) -> list[FloatArray]:
+        """Return those of all samplers, each once."""
+        for animation in animations:
+            samplers = animation.objects("samplers")
+            for index in samplers.indices("input", self._accessors.elements):
+                self.number(index)
+        return self.different
+
+    def _number(self, index: int) -> int:
+        accessor = self._accessors.elements[index]
+        if stored_type(accessor).kind != "f":
+            accessor.fail("componentType", "is of integers; times of keys are floats")
+        stored = self._accessors.values(index, 1).tobytes()
+        if stored not in self._of_bytes:
             times = self._accessors.numbers(index, 1)[:, 0].astype(np.float64)
             if (times[1:] < times[:-1]).any():
                 raise InputError(f"{accessor.place}: times of keys decrease")
-            self._read[index] = times
-        return self._read[index]
-
-    def of_all(self, animations: Sequence[Element]) -> list[FloatArray]:
-        """Return those of all samplers, each accessor's once."""
-        for animation in animations:
-            for sampler in animation.objects("samplers"):
-                self.of(sampler)
-        return list(self._read.values())
+            self._of_bytes[stored] = len(self.different)
+            self.different.append(times)
+        return self._of_bytes[stored]
 
 
-def _along_arc(before: FloatArray, following: FloatArray, t: float) -> FloatArray:
-    """Interpolate unit quaternions (4,) at constant angular speed."""
-    cosine = float(before @ following)
-    sign = -1.0 if cosine < 0 else 1.0
-    if abs(cosine) > NEARLY_EQUAL:
-        return before + t * (sign * following - before)
-    angle = np.arccos(abs(cosine))
-    weights = np.sin([(1 - t) * angle, t * angle]) / np.sin(angle)
-    return weights[0] * before + weights[1] * sign * following
+def _along_arcs(before: FloatArray, following: FloatArray, t: float) -> FloatArray:
+    """Interpolate unit quaternions (n, 4) at constant angular speed."""
+    cosine = np.einsum("ij,ij->i", before, following)[:, None]
+    following = np.where(cosine < 0, -following, following)
+    angle = np.arccos(np.minimum(np.abs(cosine), NEARLY_EQUAL))
+    first, second = np.sin((1 - t) * angle) / np.sin(angle), np.sin(t * angle) / np.sin(angle)
+    straight = before + t * (following - before)
+    arc = first * before + second * following
+    return np.where(np.abs(cosine) > NEARLY_EQUAL, straight, arc)

@@ -76,7 +76,8 @@ class Document:
         self._accessors = Accessors(root, buffers)
         self._key_times = KeyTimes(self._accessors)
         self._meshes = Meshes(root, self._accessors, buffers)
-        self._roots = scene_roots(root, self.hierarchy)
+        # Nodes of the scene, in the order of a walk.
+        self._shown = self.hierarchy.below(scene_roots(root, self.hierarchy))
         self._clip_names = clip_names(self._animations)
         self._skins_read: dict[int, Skin] = {}
 
@@ -90,11 +91,10 @@ class Document:
         """
         placed: list[PlacedMesh] = []
         left_out: list[LeftOut] = []
-        paths = self.hierarchy.paths()
+        nodes = [node for node in self._shown if node in self.hierarchy.meshes]
+        paths = self.hierarchy.paths(nodes)
         first: InputError | None = None
-        for node in self.hierarchy.below(self._roots):
-            if self.hierarchy.nodes[node].mesh is None:
-                continue
+        for node in nodes:
             try:
                 mesh = self._placed(node, paths[node])
             except InputError as error:
@@ -142,41 +142,34 @@ class Document:
         if clip is not None and others:
             named = ", ".join(f"{each[:40]!a}" for each in others[:MOST_NAMED])
             notes.append(f"clip {clip.name[:40]!a} is read; there is also {named}")
-        seen = set(self.hierarchy.below(self._roots))
-        unseen = sum(
-            node.mesh is not None and index not in seen
-            for index, node in enumerate(self.hierarchy.nodes)
-        )
+        unseen = len(self.hierarchy.meshes.keys() - self._shown)
         if unseen:
             notes.append(f"{unseen} meshes of other scenes are not read")
         return notes
 
     def _placed(self, index: int, prim: str) -> PlacedMesh | None:
-        node, element = self.hierarchy.nodes[index], self._nodes[index]
-        assert node.mesh is not None
-        geometry = self._meshes.geometry(node.mesh)
+        element, number = self._nodes[index], self.hierarchy.meshes[index]
+        geometry = self._meshes.geometry(number)
         if geometry is None:
             return None
         n = len(geometry.vertices.targets)
-        weighted = element if "weights" in element else self._meshes.elements[node.mesh]
+        weighted = element if "weights" in element else self._meshes.elements[number]
         weights = np.array(weighted.numbers("weights", n, (0.0,) * n), dtype=np.float64)
         binding: Binding | None = None
         joints: tuple[int, ...] = ()
-        if node.skin is not None:
-            skin = self._skin(node.skin)
+        if index in self.hierarchy.skins:
+            skin = self._skin(self.hierarchy.skins[index])
             joints = skin.joints
             try:
                 binding = bind(geometry.vertices, skin)
             except InputError as error:
                 raise InputError(f"{element.place}: {error.message}") from None
-        extras = self._meshes.elements[node.mesh].members.get("extras")
+        extras = self._meshes.elements[number].members.get("extras")
         return PlacedMesh(index, prim, geometry, weights, (*joints, index), binding, extras)
 
     def _skin(self, index: int) -> Skin:
         if index not in self._skins_read:
-            self._skins_read[index] = read_skin(
-                self._skins[index], self.hierarchy.nodes, self._accessors
-            )
+            self._skins_read[index] = read_skin(self._skins[index], self._nodes, self._accessors)
         return self._skins_read[index]
 
     def _lacking(self, node: int, mesh: PlacedMesh | None) -> list[str]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, NoReturn, overload
 
+import numpy as np
+
+from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.checks import FARTHEST
 
@@ -13,6 +17,7 @@ LARGEST = 1 << 40
 # A Python number: integers of any size can be compared with it.
 FARTHEST_NUMBER = float(FARTHEST)
 MOST_SHOWN = 40
+ABSENT = object()
 
 
 class Element:
@@ -66,19 +71,21 @@ class Element:
         self, name: str, *, low: int = 0, high: int = LARGEST, default: int | None = None
     ) -> int:
         """Return an integer within a range, both ends included."""
-        value = self._member(name, default)
+        value = self.members.get(name, default)
         if type(value) is not int:
-            self.fail(name, f"is {_shown(value)}, not an integer")
+            self._fail_type(name, value, "an integer")
         if not low <= value <= high:
             self.fail(name, f"is {_shown(value)}, not within {low} .. {high}")
         return value
 
     def index(self, name: str, things: Sequence[object]) -> int:
         """Return the index of one of some things."""
-        value = self._member(name, None)
-        if type(value) is int and 0 <= value < len(things):
-            return value
-        raise _no_index(value, len(things), self._place(name))
+        value = self.members.get(name)
+        if type(value) is not int:
+            self._fail_type(name, value, "an integer")
+        if not 0 <= value < len(things):
+            self.fail(name, f"is {_shown(value)}, but there are {len(things)}")
+        return value
 
     def optional_index(self, name: str, things: Sequence[object]) -> int | None:
         """Return the index of one of some things, None if there is no such member."""
@@ -91,7 +98,8 @@ class Element:
         found, n = self._list(name), len(things)
         for i, value in enumerate(found):
             if type(value) is not int or not 0 <= value < n:
-                raise _no_index(value, n, f"{self._place(name)}[{i}]")
+                fault = f"but there are {n}" if type(value) is int else "not an integer"
+                self.fail(f"{name}[{i}]", f"is {_shown(value)}, {fault}")
         return tuple(found)
 
     def numbers(self, name: str, n: int, default: tuple[float, ...]) -> tuple[float, ...]:
@@ -101,16 +109,16 @@ class Element:
         values = self._list(name)
         if len(values) != n:
             self.fail(name, f"has {len(values)} numbers, not {n}")
-        for value in values:
-            if type(value) not in (int, float) or not -FARTHEST_NUMBER <= value <= FARTHEST_NUMBER:
-                self.fail(name, f"holds {_shown(value)}, which is not a number, or far too large")
+        if not _are_numbers(values):
+            wrong = next(value for value in values if not _are_numbers([value]))
+            self.fail(name, f"holds {_shown(wrong)}, which is not a number, or far too large")
         return tuple(map(float, values))
 
     def text(self, name: str, default: str | None = None) -> str:
         """Return a text."""
-        value = self._member(name, default)
+        value = self.members.get(name, default)
         if type(value) is not str:
-            self.fail(name, f"is {_shown(value)}, not a text")
+            self._fail_type(name, value, "a text")
         return value
 
     def one_of(self, name: str, choices: Sequence[str], default: str | None = None) -> str:
@@ -122,21 +130,22 @@ class Element:
 
     def flag(self, name: str) -> bool:
         """Return true or false; false if there is no such member."""
-        value = self._member(name, False)
+        value = self.members.get(name, False)
         if type(value) is not bool:
-            self.fail(name, f"is {_shown(value)}, not true or false")
+            self._fail_type(name, value, "true or false")
         return value
 
     def object(self, name: str) -> Element:
         """Return an object; an empty one if there is no such member."""
-        value = self._member(name, {})
+        value = self.members.get(name, {})
         if type(value) is not dict:
-            self.fail(name, f"is {_shown(value)}, not an object")
+            self._fail_type(name, value, "an object")
         return Element(value, self, name)
 
-    def objects(self, name: str) -> Sequence[Element]:
-        """Return a list of objects, looked at when they are asked for; none if it is missing."""
-        return Elements(self._list(name), self, name) if name in self.members else ()
+    def objects(self, name: str) -> Elements:
+        """Return a list of objects; an empty one if it is missing."""
+        values = self._list(name) if name in self.members else []
+        return Elements(values, lambda i: Element(values[i], self, name, i))
 
     def extension(self, *names: str) -> Element | None:
         """Return the first of some extensions that the object has; None if it has none."""
@@ -145,36 +154,35 @@ class Element:
         extensions = self.object("extensions")
         return next((extensions.object(name) for name in names if name in extensions), None)
 
-    def _member(self, name: str, default: Any) -> Any:
-        value = self.members.get(name, default)
-        if value is None:
-            self.fail(name, "is missing" if name not in self.members else "is null")
+    def _list(self, name: str) -> list[Any]:
+        value = self.members.get(name)
+        if type(value) is not list:
+            self._fail_type(name, value, "a list")
         return value
 
-    def _list(self, name: str) -> list[Any]:
-        value = self._member(name, [])
-        if type(value) is not list:
-            self.fail(name, f"is {_shown(value)}, not a list")
-        return value
+    def _fail_type(self, name: str, value: Any, wanted: str) -> NoReturn:
+        if value is None:
+            self.fail(name, "is null" if name in self.members else "is missing")
+        self.fail(name, f"is {_shown(value)}, not {wanted}")
 
     def _place(self, name: str) -> str:
         return f"{self.place}.{name}" if self.place else name
 
 
 class Elements(Sequence[Element]):
-    """A list of objects of a JSON document; each is looked at when it is asked for.
+    """Objects of a JSON document, each looked at when it is asked for; or a member of all of them.
+
+    Members of all are looked at together. Only if one is wrong, they are one by one, to say which.
 
     Parameters
     ----------
     values : list
-    parent : Element
-        The object that the list is a member of.
-    step : str
-        Which member.
+    element : callable
+        Makes the element of a number, not looking at it.
     """
 
-    def __init__(self, values: list[Any], parent: Element, step: str) -> None:
-        self._values, self._parent, self._step = values, parent, step
+    def __init__(self, values: list[Any], element: Callable[[int], Element]) -> None:
+        self._values, self._make = values, element
 
     def __len__(self) -> int:
         return len(self._values)
@@ -188,22 +196,87 @@ class Elements(Sequence[Element]):
     def __getitem__(self, index: int | slice) -> Element | Sequence[Element]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        return self._element(self._values[index], index)
-
-    def __iter__(self) -> Iterator[Element]:
-        return map(self._element, self._values, range(len(self._values)))
-
-    def _element(self, value: Any, index: int) -> Element:
-        found = Element(value, self._parent, self._step, index)
-        if type(value) is not dict:
-            raise InputError(f"{found.place} is {_shown(value)}, not an object")
+        found = self._make(index)
+        if type(found.members) is not dict:
+            raise InputError(f"{found.place} is {_shown(found.members)}, not an object")
         return found
 
+    def __iter__(self) -> Iterator[Element]:
+        return map(self.__getitem__, range(len(self)))
 
-def _no_index(value: object, n: int, place: str) -> InputError:
-    if type(value) is not int:
-        return InputError(f"{place} is {_shown(value)}, not an integer")
-    return InputError(f"{place} is {_shown(value)}, but there are {n}")
+    def chosen(self, numbers: Sequence[int]) -> Elements:
+        """Return some of the objects, by their numbers."""
+        return Elements([self._values[i] for i in numbers], lambda i: self[numbers[i]])
+
+    def having(self, name: str) -> list[int]:
+        """List the numbers of the objects that have a member."""
+        found = self._members(name, ABSENT)
+        return [i for i, value in enumerate(found) if value is not ABSENT]
+
+    def indices(self, name: str, things: Sequence[object]) -> list[int]:
+        """Return the index of one of some things, of each."""
+        found = self._members(name, None)
+        if set(map(type, found)) <= {int} and _within(found, len(things)):
+            return found
+        return [each.index(name, things) for each in self]
+
+    def texts(self, name: str, default: str | None = None) -> list[str]:
+        """Return a text of each."""
+        found = self._members(name, default)
+        if set(map(type, found)) <= {str}:
+            return found
+        return [each.text(name, default) for each in self]
+
+    def choices(self, name: str, choices: Sequence[str], default: str) -> list[str]:
+        """Return a text of each that is one of some."""
+        found = self.texts(name, default)
+        if set(found) <= set(choices):
+            return found
+        return [each.one_of(name, choices, default) for each in self]
+
+    def index_lists(self, name: str, things: Sequence[object]) -> Sequence[Sequence[int]]:
+        """Return indices of some things, of each; none where there is no such member."""
+        found = self._members(name, ())
+        flat = _flat(found)
+        if flat is not None and set(map(type, flat)) <= {int} and _within(flat, len(things)):
+            return found
+        return [each.indices(name, things) for each in self]
+
+    def numbers(self, name: str, n: int, default: tuple[float, ...]) -> FloatArray:
+        """Return a list of `n` finite numbers of each, (len, n) float64."""
+        found = self._members(name, default)
+        flat = _flat(found)
+        if flat is None or not set(map(len, found)) <= {n} or not _are_numbers(flat):
+            flat = list(chain.from_iterable(each.numbers(name, n, default) for each in self))
+        return np.array(flat, dtype=np.float64).reshape(-1, n)
+
+    def objects(self, name: str) -> Elements:
+        """Return an object of each; an empty one if there is no such member."""
+        return Elements(self._members(name, {}), lambda i: self[i].object(name))
+
+    def _members(self, name: str, default: Any) -> list[Any]:
+        try:
+            return [value.get(name, default) for value in self._values]
+        except AttributeError:
+            # One is no object: say which.
+            list(self)
+            raise
+
+
+def _within(numbers: Sequence[int], n: int) -> bool:
+    return not numbers or (min(numbers) >= 0 and max(numbers) < n)
+
+
+def _are_numbers(values: Sequence[Any]) -> bool:
+    if not set(map(type, values)) <= {int, float}:
+        return False
+    return max(map(abs, values), default=0) <= FARTHEST_NUMBER
+
+
+def _flat(values: list[Any]) -> list[Any] | None:
+    """Put lists behind each other; None if one is none."""
+    are_lists = set(map(type, values)) <= {list, tuple}
+    return list(chain.from_iterable(values)) if are_lists else None
 
 
 def _shown(value: object) -> str:

@@ -10,7 +10,7 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.checks import require_measurable
-from meshmark_plugins.readers.gltf.clips import Track
+from meshmark_plugins.readers.gltf.clips import Row
 from meshmark_plugins.readers.gltf.geometry import Geometry, rest_points
 from meshmark_plugins.readers.gltf.poses import Rig
 from meshmark_plugins.readers.gltf.skins import Binding
@@ -26,7 +26,7 @@ class GltfFrames:
     geometry : Geometry
     weights : (targets,) float64
         Of the morph targets, at rest.
-    weights_track : Track or None
+    weights_row : Row or None
         How they change.
     rig : Rig
         The node alone; or the joints of the skin, and the node.
@@ -40,7 +40,7 @@ class GltfFrames:
 
     geometry: Geometry
     weights: FloatArray
-    weights_track: Track | None
+    weights_row: Row | None
     rig: Rig
     binding: Binding | None
     timeline: Timeline
@@ -70,8 +70,10 @@ class GltfFrames:
         return worlds[:1, :3, :3]
 
     def _points(self, seconds: float) -> FloatArray:
-        track = self.weights_track
-        weights = self.weights if track is None else track.at(seconds)
+        weights = self.weights
+        if self.weights_row is not None:
+            tracks, row = self.weights_row
+            weights = tracks.at(seconds, row)
         points = rest_points(self.geometry.vertices, weights)
         worlds = self.rig.worlds(seconds)
         if self.binding is not None:

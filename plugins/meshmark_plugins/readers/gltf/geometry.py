@@ -80,7 +80,7 @@ class Meshes:
     """
 
     def __init__(self, root: Element, accessors: Accessors, buffers: Buffers) -> None:
-        self.elements: Sequence[Element] = root.objects("meshes")
+        self.elements = root.objects("meshes")
         self._accessors = accessors
         self._buffers = buffers
         self._read: dict[int, Geometry | None] = {}
@@ -153,10 +153,10 @@ class Meshes:
             else np.zeros((n, 3), dtype=np.float32)
             for target in primitive.objects("targets")
         ]
-        joints: list[IntArray] = [np.zeros((n, 0), dtype=np.uint8)]
-        weights: list[NDArray[np.floating]] = [np.zeros((n, 0), dtype=np.float32)]
-        while (name := f"JOINTS_{len(joints) - 1}") in attributes:
-            of_weights = f"WEIGHTS_{len(joints) - 1}"
+        joints: list[IntArray] = []
+        weights: list[NDArray[np.floating]] = []
+        while (name := f"JOINTS_{len(joints)}") in attributes:
+            of_weights = f"WEIGHTS_{len(joints)}"
             joints.append(
                 self._accessors.integers(
                     attributes.index(name, known), 4, count=n, stored=stored.get(name)
@@ -167,7 +167,12 @@ class Meshes:
                     attributes.index(of_weights, known), 4, count=n, stored=stored.get(of_weights)
                 )
             )
-        return Vertices(points, tuple(targets), np.hstack(joints), np.hstack(weights))
+        return Vertices(
+            points,
+            tuple(targets),
+            np.concatenate(joints or [np.zeros((n, 0), dtype=np.uint8)], axis=1),
+            np.concatenate(weights or [np.zeros((n, 0), dtype=np.float32)], axis=1),
+        )
 
     def _topology(self, primitive: Element, packed: DracoMesh | None, n: int) -> Topology:
         """Return the triangles of a primitive of `n` vertices."""

@@ -82,7 +82,7 @@ def written_paths(asset: Asset) -> dict[str, str]:
     """Map the name of each mesh of an asset to its path in what `write_new` makes of it."""
     nodes, mesh_nodes = _nodes([mesh.prim for mesh in asset.meshes])
     meshes: list[dict[str, Any]] = [{}] * len(asset.meshes)
-    paths = read_nodes(Element({"nodes": nodes, "meshes": meshes})).paths()
+    paths = read_nodes(Element({"nodes": nodes, "meshes": meshes})).paths(mesh_nodes)
     return {mesh.prim: paths[node] for mesh, node in zip(asset.meshes, mesh_nodes, strict=True)}
 
 

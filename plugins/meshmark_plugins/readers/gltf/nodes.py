@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,47 +18,36 @@ LONGEST_NAME = 80
 NOT_ALLOWED = re.compile(r"\W")
 
 
-class Node(NamedTuple):
-    """A node at rest.
-
-    Parameters
-    ----------
-    name : str
-        A valid name; that of its mesh, or its number, where it has none.
-    children : tuple of int
-    translation, rotation, scale : tuple of float
-        Relative to its parent; rotation is a quaternion x, y, z, w.
-    matrix : tuple of 16 float, optional
-        In column order, in place of the three.
-    mesh, skin : int, optional
-    """
-
-    name: str
-    children: tuple[int, ...]
-    translation: tuple[float, ...]
-    rotation: tuple[float, ...]
-    scale: tuple[float, ...]
-    matrix: tuple[float, ...] | None
-    mesh: int | None
-    skin: int | None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """All nodes of a document.
+    """All nodes of a document, by their numbers.
 
     Parameters
     ----------
-    nodes : tuple of Node
-    parents : tuple of int
-        Of each node; -1 for roots.
-    order : tuple of int
+    names : list of str
+        As they are stored, or those of their meshes.
+    children : sequence of sequence of int
+    parents : list of int
+        -1 for roots.
+    order : list of int
         Nodes with parents before their children.
+    rest : tuple of arrays
+        Translation (N, 3), rotation (N, 4) and scale (N, 3) relative to the parent; rotation is a
+        quaternion x, y, z, w.
+    matrices : mapping of int to (4, 4) float64
+        Of nodes that have one, in place of the three.
+    meshes, skins : mapping of int to int
+        Of nodes that have one.
     """
 
-    nodes: tuple[Node, ...]
-    parents: tuple[int, ...]
-    order: tuple[int, ...]
+    names: list[str]
+    children: Sequence[Sequence[int]]
+    parents: list[int]
+    order: list[int]
+    rest: tuple[FloatArray, ...]
+    matrices: Mapping[int, FloatArray]
+    meshes: Mapping[int, int]
+    skins: Mapping[int, int]
 
     def below(self, roots: Sequence[int]) -> tuple[int, ...]:
         """List some nodes and all nodes below them, in the order of a walk, each once."""
@@ -69,31 +57,36 @@ class Hierarchy:
             node = waiting.pop()
             if node not in found:
                 found[node] = None
-                waiting += reversed(self.nodes[node].children)
+                waiting += reversed(self.children[node])
         return tuple(found)
 
-    def above(self, wanted: Sequence[int]) -> tuple[int, ...]:
+    def above(self, wanted: Iterable[int]) -> list[int]:
         """List some nodes and all that they hang from, parents first."""
         needed: set[int] = set()
         for node in wanted:
             while node >= 0 and node not in needed:
                 needed.add(node)
                 node = self.parents[node]
-        return tuple(node for node in self.order if node in needed)
+        return [node for node in self.order if node in needed]
 
-    def paths(self) -> dict[int, str]:
-        """Spell a path for each node: names from the root on, made unique among siblings."""
-        paths: dict[int, str] = {}
-        taken: set[str] = set()
-        for node in self.order:
-            parent = self.parents[node]
-            path = base = f"{paths[parent] if parent >= 0 else ''}/{self.nodes[node].name}"
-            n = 2
-            while path in taken:
-                path, n = f"{base}_{n}", n + 1
-            taken.add(path)
-            paths[node] = path
+    def paths(self, wanted: Iterable[int]) -> dict[int, str]:
+        """Spell a path for nodes: names from the root on, made unique among siblings."""
+        paths = {-1: ""}
+        for parent in (-1, *self.above(wanted)):
+            taken: set[str] = set()
+            for node in self.roots if parent < 0 else self.children[parent]:
+                base = path = _valid(self.names[node]) or f"node{node}"
+                n = 2
+                while path in taken:
+                    path, n = f"{base}_{n}", n + 1
+                taken.add(path)
+                paths[node] = f"{paths[parent]}/{path}"
         return paths
+
+    @property
+    def roots(self) -> list[int]:
+        """Nodes that hang from none."""
+        return [node for node, parent in enumerate(self.parents) if parent < 0]
 
 
 def read_nodes(root: Element) -> Hierarchy:
@@ -104,46 +97,44 @@ def read_nodes(root: Element) -> Hierarchy:
     InputError
         If one has two parents, is its own ancestor, or is too deep below its root.
     """
-    elements, meshes = root.objects("nodes"), root.objects("meshes")
-    known, skins = range(len(elements)), range(len(root.objects("skins")))
-    nodes = tuple(_node(each, i, known, meshes, skins) for i, each in enumerate(elements))
+    nodes, meshes, skins = (root.objects(name) for name in ("nodes", "meshes", "skins"))
+    children = nodes.index_lists("children", nodes)
     parents = [-1] * len(nodes)
-    for index, node in enumerate(nodes):
-        for child in node.children:
+    for node, below in enumerate(children):
+        for child in below:
             if parents[child] >= 0:
                 raise InputError(f"nodes[{child}] is a child of two nodes, or twice of one")
-            parents[child] = index
-    return Hierarchy(nodes, tuple(parents), _in_order(nodes, parents))
+            parents[child] = node
+    mesh_of = {node: nodes[node].index("mesh", meshes) for node in nodes.having("mesh")}
+    names = nodes.texts("name", "")
+    for node, mesh in mesh_of.items():
+        names[node] = names[node] or meshes[mesh].text("name", "")
+    return Hierarchy(
+        names=names,
+        children=children,
+        parents=parents,
+        order=_in_order(children, parents),
+        rest=(
+            nodes.numbers("translation", 3, (0.0, 0.0, 0.0)),
+            nodes.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
+            nodes.numbers("scale", 3, (1.0, 1.0, 1.0)),
+        ),
+        matrices={
+            node: np.array(nodes[node].numbers("matrix", 16, ())).reshape(4, 4).T
+            for node in nodes.having("matrix")
+        },
+        meshes=mesh_of,
+        skins={node: nodes[node].index("skin", skins) for node in nodes.having("skin")},
+    )
 
 
-def scene_roots(root: Element, hierarchy: Hierarchy) -> tuple[int, ...]:
+def scene_roots(root: Element, hierarchy: Hierarchy) -> Sequence[int]:
     """Return the roots of the default scene, or of the first; all roots where there is none."""
     scenes = root.objects("scenes")
     if not scenes:
-        return tuple(node for node in hierarchy.order if hierarchy.parents[node] < 0)
+        return hierarchy.roots
     chosen = root.optional_index("scene", scenes) or 0
-    return scenes[chosen].indices("nodes", hierarchy.nodes)
-
-
-def _node(
-    node: Element,
-    index: int,
-    nodes: range,
-    meshes: Sequence[Element],
-    skins: range,
-) -> Node:
-    mesh = node.optional_index("mesh", meshes)
-    name = node.text("name", "") or ("" if mesh is None else meshes[mesh].text("name", ""))
-    return Node(
-        name=_valid(name) or f"node{index}",
-        children=node.indices("children", nodes),
-        translation=node.numbers("translation", 3, (0.0, 0.0, 0.0)),
-        rotation=node.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
-        scale=node.numbers("scale", 3, (1.0, 1.0, 1.0)),
-        matrix=node.numbers("matrix", 16, ()) if "matrix" in node else None,
-        mesh=mesh,
-        skin=node.optional_index("skin", skins),
-    )
+    return scenes[chosen].indices("nodes", hierarchy.parents)
 
 
 def _valid(name: str) -> str:
@@ -152,7 +143,7 @@ def _valid(name: str) -> str:
     return f"_{name}" if name[:1].isdigit() else name
 
 
-def _in_order(nodes: Sequence[Node], parents: Sequence[int]) -> tuple[int, ...]:
+def _in_order(children: Sequence[Sequence[int]], parents: Sequence[int]) -> list[int]:
     order: list[int] = []
     level = [node for node, parent in enumerate(parents) if parent < 0]
     depth = 0
@@ -161,25 +152,18 @@ def _in_order(nodes: Sequence[Node], parents: Sequence[int]) -> tuple[int, ...]:
         if depth > DEEPEST:
             raise InputError(f"nodes[{level[0]}] is more than {DEEPEST} nodes below its root")
         order += level
-        level = [child for node in level for child in nodes[node].children]
-    if len(order) < len(nodes):
-        lost = min(set(range(len(nodes))) - set(order))
+        level = [child for node in level for child in children[node]]
+    if len(order) < len(parents):
+        lost = min(set(range(len(parents))) - set(order))
         raise InputError(f"nodes[{lost}] hangs from itself: its ancestors go in a circle")
-    return tuple(order)
+    return order
 
 
-def rest_parts(
-    node: Node,
-) -> tuple[
-    Sequence[float] | FloatArray, Sequence[float] | FloatArray, Sequence[float] | FloatArray
-]:
-    """Return translation (3,), rotation (4,) and scale (3,) of a node at rest.
+def taken_apart(matrix: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return translation (3,), rotation (4,) and scale (3,) of a matrix (4, 4).
 
-    A matrix is taken apart, as far as three parts can say what it says: without shear.
+    It is taken apart as far as three parts can say what it says: without shear.
     """
-    if node.matrix is None:
-        return node.translation, node.rotation, node.scale
-    matrix = np.array(node.matrix).reshape(4, 4).T
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     if np.linalg.det(matrix[:3, :3]) < 0:
         scale[0] = -scale[0]

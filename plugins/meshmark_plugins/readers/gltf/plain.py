@@ -81,11 +81,12 @@ class _Plain:
                 continue
             index = attributes.index(name, self._accessors.elements)
             self._claim(index, extension)
-            values = self._accessors.values(index, stored=stored)
+            width = self._accessors.width(index)
+            values = self._accessors.values(index, width, stored=stored)
             odd = self._odd(index, name)
             kind = np.dtype("<f4") if odd else stored_type(self._accessors.elements[index])
             if odd:
-                values = self._accessors.numbers(index, values.shape[1], stored=stored)
+                values = self._accessors.numbers(index, width, stored=stored)
             self._put(index, values.astype(kind))
         faces = primitive.optional_index("indices", self._accessors.elements)
         twin = _twin(self.root, primitive)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from meshmark.arrays import FloatArray
-from meshmark_plugins.readers.gltf.clips import WEIGHTS, WIDTHS, Clip, Track
-from meshmark_plugins.readers.gltf.nodes import Hierarchy, rest_parts
-
-# Translation, rotation and scale of nodes: (R, 3), (R, 4), (R, 3).
-Parts = tuple[FloatArray, FloatArray, FloatArray]
-AT_ORIGIN = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0))
+from meshmark.arrays import FloatArray, IntArray
+from meshmark_plugins.readers.gltf.clips import WEIGHTS, WIDTHS, Clip, Row, Tracks
+from meshmark_plugins.readers.gltf.nodes import Hierarchy, taken_apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,66 +19,82 @@ class Rig:
 
     Parameters
     ----------
-    parents : tuple of int
-        Of each of its nodes, by their numbers in the rig, parents first; -1 for roots.
+    parents : (R,) int
+        Of each of its nodes, by their numbers in the rig; -1 for roots.
+    levels : tuple of slice
+        Nodes below the roots: those below them, and so on.
     rest : tuple of arrays
         Translation (R, 3), rotation (R, 4) and scale (R, 3) of each in its parent's space.
     fixed : mapping of int to (4, 4) float64
         Matrices of nodes that have one, and that no clip moves.
-    tracks : tuple of (int, int, Track)
-        How a clip moves them: the part, the node, and its values over time.
-    places : tuple of int
+    tracks : tuple of (int, (n,) int, Tracks, (n,) int)
+        How a clip moves them: the part, the nodes, and their values over time, by their rows.
+    places : (n,) int
         Of the nodes that were asked for.
     """
 
-    parents: tuple[int, ...]
-    rest: Parts
+    parents: IntArray
+    levels: tuple[slice, ...]
+    rest: tuple[FloatArray, ...]
     fixed: Mapping[int, FloatArray]
-    tracks: tuple[tuple[int, int, Track], ...]
-    places: tuple[int, ...]
+    tracks: tuple[tuple[int, IntArray, Tracks, IntArray], ...]
+    places: IntArray
 
     def worlds(self, time: float) -> FloatArray:
         """Return where the nodes asked for stand at a time in seconds, (n, 4, 4) float64."""
         translation, rotation, scale = parts = tuple(part.copy() for part in self.rest)
-        for part, node, track in self.tracks:
-            parts[part][node] = track.at(time)
+        for part, nodes, tracks, rows in self.tracks:
+            parts[part][nodes] = tracks.at(time, rows)
         worlds = local_matrices(translation, rotation, scale)
         for node, matrix in self.fixed.items():
             worlds[node] = matrix
-        for node, parent in enumerate(self.parents):
-            if parent >= 0:
-                worlds[node] = worlds[parent] @ worlds[node]
-        return worlds[list(self.places)]
+        for level in self.levels:
+            worlds[level] = worlds[self.parents[level]] @ worlds[level]
+        return worlds[self.places]
 
 
 def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Rig:
     """Collect what some nodes hang from, and how a clip moves it."""
     needed = hierarchy.above(wanted)
     place = {node: i for i, node in enumerate(needed)}
-    tracks = {} if clip is None else clip.tracks
-    moving = [
-        (part, place[node], tracks[node, path])
-        for node in needed
-        for part, path in enumerate(WIDTHS)
-        if (node, path) in tracks
-    ]
-    moved = {node for _, node, _ in moving}
-    nodes = [hierarchy.nodes[node] for node in needed]
-    fixed = {i: node.matrix for i, node in enumerate(nodes) if node.matrix and i not in moved}
-    parts = [AT_ORIGIN if i in fixed else rest_parts(node) for i, node in enumerate(nodes)]
-    translation, rotation, scale = (np.array(part) for part in zip(*parts, strict=True))
+    rest = tuple(part[needed] for part in hierarchy.rest)
+    found: dict[tuple[int, Tracks], dict[int, int]] = {}
+    for part, path in enumerate(WIDTHS):
+        of_nodes = {} if clip is None else clip.tracks.get(path, {})
+        for i, node in enumerate(needed):
+            if node in of_nodes:
+                tracks, row = of_nodes[node]
+                found.setdefault((part, tracks), {})[i] = row
+    fixed = {place[node]: hierarchy.matrices[node] for node in needed if node in hierarchy.matrices}
+    for i in fixed.keys() & set().union(*found.values()):
+        for values, value in zip(rest, taken_apart(fixed.pop(i)), strict=True):
+            values[i] = value
+    parents = [place.get(hierarchy.parents[node], -1) for node in needed]
     return Rig(
-        parents=tuple(place.get(hierarchy.parents[node], -1) for node in needed),
-        rest=(translation, rotation, scale),
-        fixed={i: np.array(matrix).reshape(4, 4).T for i, matrix in fixed.items()},
-        tracks=tuple(moving),
-        places=tuple(place[node] for node in wanted),
+        parents=np.array(parents),
+        levels=_levels(parents),
+        rest=rest,
+        fixed=fixed,
+        tracks=tuple(
+            (part, np.array(list(rows)), tracks, np.array(list(rows.values())))
+            for (part, tracks), rows in found.items()
+        ),
+        places=np.array([place[node] for node in wanted]),
     )
 
 
-def weights_track(clip: Clip | None, node: int) -> Track | None:
+def _levels(parents: Sequence[int]) -> tuple[slice, ...]:
+    """Return where nodes begin and end that are equally far below roots, but for roots."""
+    depths: list[int] = []
+    for parent in parents:
+        depths.append(depths[parent] + 1 if parent >= 0 else 0)
+    begins = [i for i, (above, depth) in enumerate(pairwise([-1, *depths])) if depth > above]
+    return tuple(slice(*ends) for ends in pairwise([*begins[1:], len(parents)]))
+
+
+def weights_row(clip: Clip | None, node: int) -> Row | None:
     """Return how a clip changes the weights of a node's morph targets."""
-    return None if clip is None else clip.tracks.get((node, WEIGHTS))
+    return None if clip is None else clip.tracks.get(WEIGHTS, {}).get(node)
 
 
 def local_matrices(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:

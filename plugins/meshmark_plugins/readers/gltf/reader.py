@@ -11,7 +11,7 @@ from meshmark.errors import InputError, UsageError
 from meshmark.files.places import require_apart
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark_plugins.readers.gltf.clips import Track
+from meshmark_plugins.readers.gltf.clips import Row
 from meshmark_plugins.readers.gltf.container import (
     BINARY_SUFFIX,
     TEXT_SUFFIX,
@@ -26,7 +26,7 @@ from meshmark_plugins.readers.gltf.new import write_new, written_paths
 from meshmark_plugins.readers.gltf.output import files_beside
 from meshmark_plugins.readers.gltf.places import find_places
 from meshmark_plugins.readers.gltf.plain import uncompressed
-from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_track
+from meshmark_plugins.readers.gltf.poses import Rig, rig_of, weights_row
 from meshmark_plugins.readers.gltf.timeline import (
     FASTEST,
     STILL,
@@ -160,7 +160,7 @@ class GltfReader:
         document = Document(read_container(path), path.parent)
         meshes, left_out = document.meshes()
         clip = document.clip(self.clip, meshes)
-        tracks = {mesh.prim: weights_track(clip, mesh.node) for mesh in meshes}
+        tracks = {mesh.prim: weights_row(clip, mesh.node) for mesh in meshes}
         told = {} if self.fps else _told(meshes, tracks)
         fps = self.fps or next((each.fps for each in told.values()), document.densest_rate())
         timeline = None if clip is None or not clip.tracks else frames_of(clip, fps)
@@ -196,19 +196,23 @@ def _naming(source: str) -> Iterator[None]:
         ) from None
 
 
-def _told(meshes: Sequence[PlacedMesh], tracks: Mapping[str, Track | None]) -> dict[str, Timeline]:
+def _told(meshes: Sequence[PlacedMesh], tracks: Mapping[str, Row | None]) -> dict[str, Timeline]:
     """Return the frames that meshes say they have, by their paths; none if rates differ."""
     told = {}
     for mesh in meshes:
         track = tracks[mesh.prim]
-        found = None if track is None else told_frames(mesh.extras, track.times)
+        found = None if track is None else told_frames(mesh.extras, track[0].times)
         if found is not None:
             told[mesh.prim] = found
     return told if len({each.fps for each in told.values()}) == 1 else {}
 
 
 def _animation(
-    mesh: PlacedMesh, rig: Rig, track: Track | None, timeline: Timeline | None, source: str
+    mesh: PlacedMesh,
+    rig: Rig,
+    track: Row | None,
+    timeline: Timeline | None,
+    source: str,
 ) -> MeshAnimation:
     """Return a mesh over time; at no time if nothing of it changes."""
     moves = timeline is not None and (track is not None or rig.tracks)
@@ -216,7 +220,7 @@ def _animation(
     frames = GltfFrames(
         geometry=mesh.geometry,
         weights=mesh.weights,
-        weights_track=track,
+        weights_row=track,
         rig=rig,
         binding=mesh.binding,
         timeline=timeline,

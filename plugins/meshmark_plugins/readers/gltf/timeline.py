@@ -61,12 +61,10 @@ def densest_rate(key_times: Iterable[FloatArray]) -> float:
     Parameters
     ----------
     key_times : iterable of (K,) float64
-        Of each sampler, in seconds. Its spacing is the median one, so that two keys close
-        together, as of a sudden change, do not count.
+        Of samplers, in seconds. Its spacing is the median one, so that two keys close together,
+        as of a sudden change, do not count.
     """
-    # Most samplers have the same keys.
-    different = {times.tobytes(): times for times in key_times}
-    rates = [_rate(times) for times in different.values()]
+    rates = [_rate(times) for times in key_times]
     densest = max((rate for rate in rates if rate), default=USUAL)
     return densest * math.ceil(SLOWEST / densest - EVEN)
 
@@ -121,11 +119,12 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 def _rate(times: FloatArray) -> float:
     """Return the rate of keys, a whole number where it is near one; 0 if there is none."""
-    gaps = np.diff(times)
-    gaps = np.sort(gaps[gaps > 0])
+    gaps = times[1:] - times[:-1]
+    gaps = gaps[gaps > 0]
     if not len(gaps):
         return 0.0
+    gaps.sort()
     usual = gaps[(len(gaps) - 1) // 2]
-    rate = 1.0 / float(np.mean(gaps[np.abs(gaps - usual) <= EVEN * usual]))
+    rate = 1.0 / float(gaps[np.abs(gaps - usual) <= EVEN * usual].mean())
     whole = round(rate)
     return min(float(whole) if abs(rate - whole) <= SAME_RATE * rate else rate, FASTEST)
