@@ -14,6 +14,7 @@ from meshmark.cli.demo import demo
 from meshmark.cli.embed import embed
 from meshmark.cli.inspect import inspect
 from meshmark.cli.keygen import keygen
+from meshmark.cli.ledger import ledger
 from meshmark.cli.plugins import plugins
 from meshmark.cli.segment import segment
 from meshmark.cli.verify import verify
@@ -46,4 +47,5 @@ def _options(
 
 for command in (keygen, inspect, embed, verify, align, check, attack, bench, segment, demo):
     app.command()(command)
+app.add_typer(ledger, name="ledger")
 app.add_typer(plugins, name="plugins")

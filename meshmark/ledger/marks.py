@@ -1,0 +1,72 @@
+"""What the ledger records of a marked copy: the manifest, and where everything lies."""
+
+from __future__ import annotations
+
+import hashlib
+import unicodedata
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from meshmark.errors import UsageError
+
+MARK = "mark"
+# Characters of the name of an asset or version; hexadecimal digits of a version that has no name.
+LONGEST, DIGITS = 256, 12
+
+
+def mark_of(
+    manifest: Mapping[str, Any],
+    output: Path,
+    *,
+    asset: str | None = None,
+    version: str | None = None,
+    master: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Tell of a marked copy, as the ledger records it.
+
+    Parameters
+    ----------
+    manifest : mapping
+        As it was written beside the output.
+    output : Path
+        Where the copy was written to.
+    asset, version : str, optional
+        Of what it is a copy: by default the name of the source without its suffix, and the first
+        digits of the hash of its files.
+    master : mapping, optional
+        Where the master was kept, `path` and `files`.
+
+    Raises
+    ------
+    UsageError
+        If a name is empty, too long, or holds control characters.
+    """
+    source = manifest["source"]
+    return {
+        "kind": MARK,
+        "asset": _name("asset", Path(source["path"]).stem if asset is None else asset),
+        "version": _name("version", _digest(source["files"]) if version is None else version),
+        "recipient": manifest["recipient"],
+        "key_id": manifest["key_id"],
+        "output": str(output.absolute()),
+        "master": None if master is None else dict(master),
+        "manifest": dict(manifest),
+    }
+
+
+def _digest(files: list[dict[str, str]]) -> str:
+    digests = [each["sha256"] for each in files]
+    whole = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode())
+    return (whole if isinstance(whole, str) else whole.hexdigest())[:DIGITS]
+
+
+def _name(what: str, text: str) -> str:
+    # Names of files need not be text.
+    text = text.encode("utf-8", "replace").decode()
+    name = unicodedata.normalize("NFC", text.strip())
+    if not name or len(name) > LONGEST or any(unicodedata.category(c) == "Cc" for c in name):
+        raise UsageError(
+            f"the name of the {what} must have 1 to {LONGEST} characters, no control characters"
+        )
+    return name
