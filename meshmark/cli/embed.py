@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from meshmark.cli.console import by_text, few, frame_progress, put_json, say, warn
+from meshmark.cli.ledger import Recorder
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -115,6 +116,24 @@ def embed(
             "their values from the new place, or keep them.",
         ),
     ] = FOLLOW,
+    ledger: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Record the copy in this ledger: a file, or postgresql://USER@HOST/NAME.",
+        ),
+    ] = None,
+    asset: Annotated[
+        str | None,
+        typer.Option(help="What the ledger calls SOURCE; by default its name without suffix."),
+    ] = None,
+    asset_version: Annotated[
+        str | None,
+        typer.Option(
+            "--asset-version",
+            help="Which version of it; by default the first digits of its SHA-256.",
+        ),
+    ] = None,
     every: Annotated[
         bool,
         typer.Option("--all", help="Print every message, not only the first few of each kind."),
@@ -132,6 +151,7 @@ def embed(
         scheme, segmenter, geodesic, settings, strength=strength, max_mrms=max_mrms
     )
     secret = load_key(key)
+    recorder = _recorder(ledger, asset, asset_version, output, master)
     with frame_progress() as progress:
         manifest = mark_file(
             source,
@@ -150,6 +170,7 @@ def embed(
             stamp=stamp,
             primvars=primvars,
             dry_run=dry_run,
+            record=recorder,
             trusted=trusted,
             jobs=default_jobs(),
             progress=progress,
@@ -158,6 +179,8 @@ def embed(
     if json:
         put_json(document)
     _tell(document, dry_run, every)
+    if recorder is not None:
+        recorder.tell()
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
     shared = document.get("shared_shapes", [])
     few([f"{shape}: this blend shape stays: several meshes share it" for shape in shared], every)
@@ -173,6 +196,23 @@ def embed(
     # What a deliverable may leave unmarked was agreed to before it was written.
     if (document["skipped"] and not deliver) or found["verdict"] == "not marked":
         raise typer.Exit(NOT_ALL_MARKED)
+
+
+def _recorder(
+    ledger: str | None,
+    asset: str | None,
+    version: str | None,
+    output: Path,
+    master: Path | None,
+) -> Recorder | None:
+    """Open the ledger, if one is asked for: whoever cannot write to it need not start."""
+    from meshmark.errors import UsageError
+
+    if ledger is not None:
+        return Recorder.of(ledger, asset, version, output, master)
+    if asset is not None or version is not None:
+        raise UsageError("--asset and --asset-version need --ledger")
+    return None
 
 
 def _name(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,7 +100,7 @@ def verify_chain(
         say(f"{found.ledger}: entry {finding.sequence} {finding.what}")
     for stamp in found.stamps:
         say(f"{found.ledger}: entries 1 to {stamp.of} were there at {stamp.time}")
-    last = f"{found.entries} entries, the last {found.head}"
+    last = f"{found.entries} entr{'y' if found.entries == 1 else 'ies'}, the last {found.head}"
     say(f"{found.ledger}: {last}" if found.findings else f"{found.ledger}: whole: {last}")
     if found.findings:
         raise typer.Exit(DAMAGED)
@@ -162,6 +163,52 @@ def stamp_chain(
         done = stamp_from(kept, reply, root)
     tell_appended(done, kept.name)
     say(f"{kept.name}: {_told(done.link.entry)}")
+
+
+@dataclass
+class Recorder:
+    """Records what `embed` has written; `mark_file` calls it."""
+
+    ledger: Ledger
+    asset: str | None
+    version: str | None
+    output: Path
+    master: Path | None
+    done: Appended | None = None
+
+    @classmethod
+    def of(
+        cls,
+        where: str,
+        asset: str | None,
+        version: str | None,
+        output: Path,
+        master: Path | None,
+    ) -> Recorder:
+        """Open a ledger to write to."""
+        kept = opened(where)
+        from meshmark.ledger.marks import asset_name
+
+        kept.require_writable()
+        asset, version = (name and asset_name(name) for name in (asset, version))
+        return cls(kept, asset, version, output, master)
+
+    def __call__(self, manifest: dict[str, Any]) -> None:
+        """Record a marked copy by its manifest."""
+        from meshmark.embedding.manifest import output_hashes
+        from meshmark.ledger.marks import mark_of
+
+        master = None
+        if self.master is not None:
+            place = str(self.master.absolute())
+            master = {"path": place, "files": output_hashes(self.master)}
+        mark = mark_of(manifest, self.output, asset=self.asset, version=self.version, master=master)
+        self.done = self.ledger.append(mark)
+
+    def tell(self) -> None:
+        """Say which entry it became; none after a dry run."""
+        if self.done is not None:
+            tell_appended(self.done, self.ledger.name)
 
 
 def tell_appended(done: Appended, name: str) -> None:

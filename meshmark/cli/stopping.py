@@ -14,8 +14,14 @@ from meshmark.workers.pool import abandon_workers
 # What schedulers, closed terminals and people send. Not every system knows all of them.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 REMIND_EVERY = 0.1  # seconds
-# An interrupted import may fail with another error; an interrupted creation leaves its file behind.
-NOT_CUT_SHORT = ("importlib._bootstrap", "tempfile", "meshmark.files.temporary")
+# An interrupted import may fail with another error; an interrupted creation leaves its file behind;
+# an interrupted record may have been made.
+NOT_CUT_SHORT = (
+    "importlib._bootstrap",
+    "tempfile",
+    "meshmark.files.temporary",
+    "meshmark.embedding.undoing",
+)
 
 
 class Stopped(BaseException):

@@ -32,6 +32,7 @@ from meshmark.embedding.manifest import (
     require_unmarked,
 )
 from meshmark.embedding.outputs import check_output
+from meshmark.embedding.undoing import as_they_were
 from meshmark.errors import NoExtentError, UsageError
 from meshmark.extension.recipe import Recipe, in_order
 from meshmark.files.atomic import write_json
@@ -73,6 +74,7 @@ def mark_file(
     stamp: bool = False,
     primvars: str = FOLLOW,
     dry_run: bool = False,
+    record: Callable[[dict[str, Any]], object] | None = None,
     trusted: bool = True,
     jobs: int = 1,
     progress: StageProgress | None = None,
@@ -123,6 +125,9 @@ def mark_file(
         that slid: they get the values of their new places, or keep their own.
     dry_run : bool
         Do everything but write.
+    record : callable, optional
+        Called with the manifest when all is in place. Where it is given, all is put back as it
+        was if it raises, or anything before it does.
     trusted : bool
         Without it, the source is first read in a process of its own, so that one that crashes or
         hangs the library is told of in one line. The layer is written by this process all the same.
@@ -221,13 +226,16 @@ def mark_file(
                 document
                 | describe_marks(marked, marked.asset, verdict, primvars=primvars, jobs=jobs)
             )
-        with announced(document, target):
+        outputs = [target] if master is None else [target, Path(master)]
+        with as_they_were(outputs if record else ()) as undoing, announced(document, target):
             verified = partial(verify, marked=marked)
             document |= _written(marked, target, parameters, write, verified, primvars, jobs)
             keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
             write_json(document, manifest_path(target))
+            if record is not None:
+                undoing.settle(partial(record, document))
             return Manifest(document, manifest_path(target))
 
 

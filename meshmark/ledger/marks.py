@@ -45,8 +45,8 @@ def mark_of(
     source = manifest["source"]
     return {
         "kind": MARK,
-        "asset": _name("asset", Path(source["path"]).stem if asset is None else asset),
-        "version": _name("version", _digest(source["files"]) if version is None else version),
+        "asset": asset_name(Path(source["path"]).stem if asset is None else asset),
+        "version": asset_name(_digest(source["files"]) if version is None else version),
         "recipient": manifest["recipient"],
         "key_id": manifest["key_id"],
         "output": str(output.absolute()),
@@ -61,12 +61,19 @@ def _digest(files: list[dict[str, str]]) -> str:
     return (whole if isinstance(whole, str) else whole.hexdigest())[:DIGITS]
 
 
-def _name(what: str, text: str) -> str:
+def asset_name(text: str) -> str:
+    """Return the form in which the ledger keeps the name of an asset, or of a version.
+
+    Raises
+    ------
+    UsageError
+        If it is empty, too long, or holds control characters.
+    """
     # Names of files need not be text.
-    text = text.encode("utf-8", "replace").decode()
-    name = unicodedata.normalize("NFC", text.strip())
+    readable = text.encode("utf-8", "replace").decode()
+    name = unicodedata.normalize("NFC", readable.strip())
     if not name or len(name) > LONGEST or any(unicodedata.category(c) == "Cc" for c in name):
         raise UsageError(
-            f"the name of the {what} must have 1 to {LONGEST} characters, no control characters"
+            f"the name of an asset or version has 1 to {LONGEST} characters, none that control"
         )
     return name

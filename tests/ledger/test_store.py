@@ -83,6 +83,7 @@ def test_the_same_is_recorded_once(where: str) -> None:
     assert ledger.head()[0] == 5
 
 
+@pytest.mark.slow
 def test_the_tables_are_those_of_the_newest_migration(where: str) -> None:
     assert ScriptDirectory(str(MIGRATIONS)).get_heads() == [REVISION]
     assert init(where)[1] is None
@@ -96,6 +97,7 @@ def test_the_tables_are_those_of_the_newest_migration(where: str) -> None:
         assert compare_metadata(context, metadata) == []
 
 
+@pytest.mark.slow
 def test_other_schemas_are_refused_in_one_line(where: str) -> None:
     filled(where)
     tampered(where, "UPDATE ledger_version SET version_num = '999'")
@@ -105,6 +107,7 @@ def test_other_schemas_are_refused_in_one_line(where: str) -> None:
         init(where)
 
 
+@pytest.mark.slow
 def test_older_schemas_are_brought_up_by_init_only(
     where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +117,7 @@ def test_older_schemas_are_brought_up_by_init_only(
         Ledger(where)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "statement",
     [
@@ -153,6 +157,7 @@ def test_a_flipped_byte_is_named(where: str) -> None:
         list(ledger.entries())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("byte", [b"8", b"\xff", b"\x00"])
 def test_a_byte_flipped_in_the_file_is_named(tmp_path: Path, byte: bytes) -> None:
     path = tmp_path / "studio.ledger"
@@ -163,6 +168,7 @@ def test_a_byte_flipped_in_the_file_is_named(tmp_path: Path, byte: bytes) -> Non
     assert found(ledger) == [(4, "changed")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", [1, 3, 5])
 def test_a_deleted_row_is_named(where: str, sequence: int) -> None:
     ledger = filled(where)
@@ -170,6 +176,7 @@ def test_a_deleted_row_is_named(where: str, sequence: int) -> None:
     assert found(ledger) == [(sequence, "missing")]
 
 
+@pytest.mark.slow
 def test_nothing_is_appended_to_a_damaged_end(where: str) -> None:
     ledger = filled(where)
     tampered(where, "DELETE FROM ledger_entries WHERE sequence = 5")
@@ -188,12 +195,14 @@ def test_a_swapped_pair_is_named(where: str) -> None:
     assert found(ledger) == [(2, "re-ordered"), (3, "re-ordered")]
 
 
+@pytest.mark.slow
 def test_a_changed_column_is_named(where: str) -> None:
     ledger = filled(where)
     tampered(where, "UPDATE ledger_entries SET recipient = 'globex' WHERE sequence = 2")
     assert found(ledger) == [(2, "changed")]
 
 
+@pytest.mark.slow
 def test_a_clock_that_was_set_back_is_told_of(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ledger = filled(where)
 
@@ -282,6 +291,7 @@ def test_other_urls_are_refused(text: str) -> None:
     assert "secret" not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("url", ["{}", "sqlite:///{}"])
 def test_what_is_no_ledger_is_refused(tmp_path: Path, url: str) -> None:
     def refused(path: Path) -> str:
@@ -300,7 +310,7 @@ def test_what_is_no_ledger_is_refused(tmp_path: Path, url: str) -> None:
     assert "is no ledger" in refused(tmp_path / "other")
 
 
-def test_a_server_that_is_not_there(tmp_path: Path) -> None:
+def test_a_server_that_is_not_there() -> None:
     url = "postgresql://td:secret@127.0.0.1:1/studio"
     for call in (Ledger, init):
         with pytest.raises(MeshmarkError, match="refused") as error:
