@@ -201,6 +201,8 @@ def mark_file(
     )
     with nullcontext() if dry_run else held(target):
         if not (dry_run or master) and (before := made_before(document, target)):
+            if record is not None:
+                record(before.document)
             return before
         marked = embed(
             markable,

@@ -107,6 +107,21 @@ def test_embed_records_the_copy_once(run: Callable[..., Any], studio: Path) -> N
 
 
 @pytest.mark.slow
+def test_a_copy_that_was_made_before_is_recorded(
+    run: Callable[..., Any], studio: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert command(monkeypatch, *MARK, "-o", "acme.usdc") == 0
+    before = state(studio)
+    assert not entries()
+    code, _, err = run(*MARK, "-o", "acme.usdc")
+    assert code == 0
+    assert f"{LEDGER}: entry 1 recorded" in err
+    assert state(studio) == before
+    [entry] = entries()
+    assert entry["manifest"] == json.loads(Path("acme.usdc.meshmark.json").read_text())
+
+
+@pytest.mark.slow
 def test_without_its_entry_no_copy_is_left(
     run: Callable[..., Any], studio: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
