@@ -226,6 +226,66 @@ def beside_instances(folder: Path, shape: Shape) -> str:
     return write(folder / "scene.usda", body)
 
 
+def shared_instances(folder: Path, shape: Shape) -> str:
+    """Instances of a model with other inherits, in a set of instances, moved, and slower."""
+    write(folder / "model.usda", f'def Xform "M"\n{{{shape.mesh()}}}', MODEL)
+    write(
+        folder / "set.usda",
+        'def "M" { def "x" (references = @model.usda@\ninstanceable = true) {}\n'
+        'def "y" (references = @model.usda@\ninstanceable = true) {} }',
+        MODEL,
+    )
+    body = f"""
+    class "_red" {{ over "m" {{ color3f[] primvars:displayColor = [(1, 0, 0)] }} }}
+    class "_still" {{ over "m" {{ {shape.pose()} }} }}
+    def "a" (references = @model.usda@
+        inherits = </_red>
+        instanceable = true)
+    {{
+        double3 xformOp:translate = (9, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+    def "b" (references = @model.usda@
+        inherits = </_red>
+        instanceable = true)
+    {{
+        double xformOp:rotateZ = 30
+        uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+    }}
+    def "late" (references = @model.usda@ (offset = 10)
+        instanceable = true) {{}}
+    def "still" (references = @model.usda@
+        inherits = [</_still>, </_red>]
+        instanceable = true) {{}}
+    def "one" (payload = @set.usda@
+        instanceable = true) {{}}
+    def "two" (payload = @set.usda@
+        instanceable = true) {{}}
+    """
+    return write(folder / "scene.usda", body)
+
+
+def instances_of_variants(folder: Path, shape: Shape) -> str:
+    """Instances that select other variants; and some in a variant of what is around them."""
+    _detailed(folder / "model.usda", shape)
+
+    def instance(name: str, lod: str, arc: str = "references = @model.usda@") -> str:
+        choice = f'variants = {{ string lod = "{lod}" }}'
+        return f'def "{name}" ({arc}\n{choice}\ninstanceable = true) {{}}\n'
+
+    body = f"""
+    {instance("a", "high")}{instance("b", "low")}{instance("c", "high")}
+    def "d" {sets("many", many="yes")}
+    {{
+        variantSet "many" = {{
+            {variant("yes", instance("e", "low") + instance("f", "high"))}
+            {variant("no", "")}
+        }}
+    }}
+    """
+    return write(folder / "scene.usda", body)
+
+
 def shown_elsewhere(folder: Path, shape: Shape) -> str:
     """A model of the scene, and an instance of it that shows what it shows."""
     body = f"""
@@ -402,6 +462,8 @@ ARCS: Mapping[str, Build] = {
         purposes_and_visibility,
         point_instanced,
         beside_instances,
+        shared_instances,
+        instances_of_variants,
         moved_in_namespace,
         named_by_expressions,
         variants_of_shape,

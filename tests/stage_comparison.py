@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd
 
+from meshmark.usd.instances import NAME
+
 # What hangs on points that were moved.
 MOVED = frozenset(
     {"points", "extent", "normals", "velocities", "accelerations", "primvars:normals"}
@@ -34,6 +36,8 @@ def differences(
     """
     found: list[str] = []
     theirs, ours = _prims(before), _prims(after)
+    # Classes that instances inherit marked points from are new, and nothing that a stage shows.
+    ours = {path: prim for path, prim in ours.items() if path in theirs or not _of_class(prim)}
     if list(theirs) != list(ours):
         found.append(f"prims: {sorted(theirs.keys() ^ ours.keys()) or 'another order'}")
     if _sharing(theirs) != _sharing(ours):
@@ -46,6 +50,11 @@ def differences(
 
 def _prims(stage: Usd.Stage) -> dict[str, Usd.Prim]:
     return {str(prim.GetPath()): prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), EVERYTHING)}
+
+
+def _of_class(prim: Usd.Prim) -> bool:
+    """Tell whether a prim is in a class that an override layer made."""
+    return prim.IsAbstract() and prim.GetPath().GetPrefixes()[0].name.startswith(NAME)
 
 
 def _sharing(prims: Mapping[str, Usd.Prim]) -> list[list[str]]:

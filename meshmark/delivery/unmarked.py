@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 
 from meshmark.errors import CapacityError, InputError
@@ -52,19 +52,30 @@ def _told(error: InputError) -> str:
     return f"frame {error.time:g}: {error.message}" if known else error.message
 
 
-def split_in_place(asset: Asset) -> Asset:
-    """Leave out the meshes an override layer cannot reach.
+def split_in_place(asset: Asset, reached: Container[str] | None = None) -> Asset:
+    """Leave out the meshes an override layer cannot reach, and of those that it shares all but one.
+
+    Parameters
+    ----------
+    reached : container of str, optional
+        The meshes that it reaches, if it is known to reach no others.
 
     Raises
     ------
     CapacityError
         If no mesh is left.
     """
-    reached = tuple(mesh for mesh in asset.meshes if mesh.in_place)
-    if not reached:
+    meshes: dict[str, MeshAnimation] = {}
+    beyond: list[LeftOut] = []
+    for mesh in asset.meshes:
+        if not mesh.in_place or (reached is not None and mesh.prim not in reached):
+            beyond.append(LeftOut(mesh.prim, INSTANCED))
+        else:
+            meshes.setdefault(mesh.shared or mesh.prim, mesh)
+    if not meshes:
         raise CapacityError(INSTANCED, source=asset.source, prim=asset.meshes[0].prim)
-    instanced = (LeftOut(mesh.prim, INSTANCED) for mesh in asset.meshes if not mesh.in_place)
-    return replace(asset, meshes=reached, left_out=(*asset.left_out, *instanced))
+    left_out = (*asset.left_out, *beyond)
+    return replace(asset, meshes=tuple(meshes.values()), left_out=left_out)
 
 
 def require_allowed(asset: Asset, allowed: Sequence[str]) -> None:

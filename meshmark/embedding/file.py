@@ -44,7 +44,7 @@ from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
-from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
+from meshmark.usd.names import BAKE, FOLLOW, KEEP, READER, REST_POSE
 from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
@@ -170,6 +170,11 @@ def mark_file(
     if deliver and prims:
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
     markable = _markable(original, deliver, allow_unmarked)
+    if not deliver and original.reader == READER and UsdReader().writes(target):
+        # Whatever cannot be written is told of before all the work.
+        places = UsdReader().places(markable)
+        markable = split_in_place(markable, places.found)
+        write = partial(write, places=places)
     files = source_digests(original)
     document = describe_run(
         original,
@@ -275,7 +280,7 @@ def _markable(original: Asset, deliver: bool, allow_unmarked: Sequence[str]) -> 
     """Leave out what cannot be marked; refuse to deliver what nobody allowed to go unmarked."""
     markable = split_fit(original)
     if not deliver:
-        return split_in_place(markable)
+        return markable
     require_allowed(markable, allow_unmarked)
     require_extent(markable, allow_unmarked)
     return markable

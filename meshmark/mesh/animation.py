@@ -109,7 +109,10 @@ class MeshAnimation:
     notes : tuple of str
         What a person should know about how it was read (for instance: skinned, rest pose).
     in_place : bool
-        Whether its points can be replaced where they stand; not so inside a USD instance.
+        Whether its points can be replaced where they stand.
+    shared : str
+        Equal for meshes that show the same points: replacing those of one replaces those of all.
+        Empty for a mesh that has points of its own.
     dtype : str
         Type of the source's coordinates: "float16", "float32" or "float64". Frames are
         float64 whatever it is; a copy is written in it.
@@ -127,6 +130,7 @@ class MeshAnimation:
     origin: str = ""
     notes: tuple[str, ...] = ()
     in_place: bool = True
+    shared: str = ""
     dtype: str = "float32"
     rounding: float | None = None
     flaw: str = ""

@@ -243,8 +243,8 @@ def _followed(
             influences.author(target, over)
             rig = replace(rig, influences=influences)
     if shapes is not None:
-        followed = shapes.followed(slid, kept)
-        followed.author(target, shapes)
+        followed = shapes.followed(slid, over.path, kept)
+        followed.author(target, over, shapes)
         rig = replace(rig, other_shapes=followed)
     return rig
 

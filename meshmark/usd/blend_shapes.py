@@ -101,8 +101,8 @@ class Shape:
             self.prim, vertices, {name: each[rows].astype(np.float32) for name, each in new.items()}
         )
 
-    def author(self, target: StreamedLayer, before: Shape) -> None:
-        """Write of it what is other than before."""
+    def author(self, target: StreamedLayer, path: Sdf.Path, before: Shape) -> None:
+        """Write of it, at a path of the layer, what is other than before."""
         changed = [
             name
             for name, each in self.offsets.items()
@@ -110,7 +110,7 @@ class Shape:
         ]
         if not changed:
             return
-        over = Sdf.CreatePrimInLayer(target.layer, self.prim.GetPath())
+        over = Sdf.CreatePrimInLayer(target.layer, path)
         if not np.array_equal(self.vertices, before.vertices):
             target.set_integers(self._spec(over, INDICES), np.nan, self.vertices)
         for name in changed:
@@ -132,12 +132,15 @@ class BlendShapes:
 
     Parameters
     ----------
+    prim : Usd.Prim
+        The mesh.
     query : UsdSkel.BlendShapeQuery
     mapper : UsdSkel.AnimMapper
     animation : UsdSkel.AnimQuery or None
     shapes : tuple of Shape
     """
 
+    prim: Usd.Prim
     query: UsdSkel.BlendShapeQuery
     mapper: UsdSkel.AnimMapper
     animation: UsdSkel.AnimQuery | None
@@ -151,7 +154,8 @@ class BlendShapes:
         query = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(skinning.GetPrim()))
         vertices = query.ComputeBlendShapePointIndices()
         shapes = (Shape.of(query.GetBlendShape(i), each) for i, each in enumerate(vertices))
-        return cls(query, skinning.GetBlendShapeMapper(), animation, tuple(shapes))
+        mapper = skinning.GetBlendShapeMapper()
+        return cls(skinning.GetPrim(), query, mapper, animation, tuple(shapes))
 
     def sub_shape_weights(self, code: Usd.TimeCode) -> tuple[Any, Any, Any] | None:
         """Return weight, blend shape and number of each sub-shape; None if unfit."""
@@ -219,16 +223,35 @@ class BlendShapes:
                 number = equal_rows(columns)
         return number
 
-    def followed(self, slid: SlidPoints, kept: frozenset[Sdf.Path] = frozenset()) -> BlendShapes:
-        """Give points that slid the offsets of their new places; not those of kept shapes."""
-        stay = [not each.offsets or each.prim.GetPath() in kept for each in self.shapes]
-        pairs = zip(self.shapes, stay, strict=True)
-        return replace(self, shapes=tuple(x if keep else x.followed(slid) for x, keep in pairs))
+    def followed(self, slid: SlidPoints, mesh: Sdf.Path, kept: frozenset[Sdf.Path]) -> BlendShapes:
+        """Give points that slid the offsets of their new places.
 
-    def author(self, target: StreamedLayer, before: BlendShapes) -> None:
-        """Write of the shapes, over their prims, what is other than before."""
+        Shapes stay if they are to, or have no place in a layer that has the mesh at a path.
+        """
+
+        def after(shape: Shape) -> Shape:
+            if not shape.offsets or shape.prim.GetPath() in kept or not self.place(shape, mesh):
+                return shape
+            return shape.followed(slid)
+
+        return replace(self, shapes=tuple(map(after, self.shapes)))
+
+    def author(self, target: StreamedLayer, mesh: Sdf.PrimSpec, before: BlendShapes) -> None:
+        """Write what is other than before, beside what a layer says of the mesh."""
         for own, other in zip(self.shapes, before.shapes, strict=True):
-            own.author(target, other)
+            place = None if own is other else self.place(own, mesh.path)
+            if place is not None:
+                own.author(target, place, other)
+
+    def place(self, shape: Shape, mesh: Sdf.Path) -> Sdf.Path | None:
+        """Return where a layer that has the mesh at a path has a shape of it.
+
+        What is inside an instance has its place in a class; what is around that has none.
+        """
+        path, prim = shape.prim.GetPath(), self.prim.GetPath()
+        while prim.name == mesh.name and not prim.IsAbsoluteRootPath():
+            prim, mesh = prim.GetParentPath(), mesh.GetParentPath()
+        return path.ReplacePrefix(prim, mesh) if path.HasPrefix(prim) else None
 
 
 def shapes_of(prim: Usd.Prim) -> set[Sdf.Path]:

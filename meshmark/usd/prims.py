@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from pxr import Usd, UsdGeom
 
 from meshmark.usd.stamping import stamp_note
 
-INSTANCED = "inside an instance: cannot be marked in place, only in a flattened deliverable"
 INVISIBLE = "invisible at its first time"
 
 
@@ -73,13 +73,22 @@ def is_guide(prim: Usd.Prim) -> bool:
     return bool(UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide)
 
 
+def note_on_sharing(path: str, alike: Sequence[str]) -> str:
+    """Say of a mesh inside an instance which of those that show the same points is marked."""
+    if not alike:
+        return "inside an instance, and posed there in its own way: marked by --deliver only"
+    if alike[0] != path:
+        return f"inside an instance: an override layer marks it as it marks {alike[0]}"
+    others = f", and like it {len(alike) - 1} more" if len(alike) > 1 else ""
+    return f"inside an instance: an override layer marks it{others}"
+
+
 def notes(prim: Usd.Prim) -> tuple[str, ...]:
     """Say what a person should know about how a mesh prim is read."""
     image = UsdGeom.Imageable(prim)
     purpose = str(image.ComputePurpose())
     visibility = image.ComputeVisibility(Usd.TimeCode.EarliestTime())
     said = {
-        INSTANCED: prim.IsInstanceProxy(),
         f"purpose {purpose}": purpose != UsdGeom.Tokens.default_,
         INVISIBLE: visibility == UsdGeom.Tokens.invisible,
     }

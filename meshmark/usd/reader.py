@@ -14,6 +14,7 @@ from meshmark.usd.stamp import NO_STAMPS, Stamps
 
 if TYPE_CHECKING:
     from meshmark.usd.delivery import Delivery
+    from meshmark.usd.variant_places import Places
     from meshmark.usd.writing import Override
 
 
@@ -80,8 +81,14 @@ class UsdReader:
         skel: str = BAKE,
         stamps: Stamps = NO_STAMPS,
         primvars: str = FOLLOW,
+        places: Places | None = None,
     ) -> Override | None:
         """Write as `write` does, and tell of it.
+
+        Parameters
+        ----------
+        places : Places, optional
+            As `places` found them for the same meshes, or for more.
 
         Returns
         -------
@@ -92,12 +99,33 @@ class UsdReader:
             from meshmark.usd.writing import write_override
 
             return write_override(
-                original, marked, output, skel=skel, stamps=stamps, primvars=primvars
+                original,
+                marked,
+                output,
+                skel=skel,
+                stamps=stamps,
+                primvars=primvars,
+                places=places,
             )
         from meshmark.usd.stages import write_stage
 
         write_stage(original.with_meshes(marked.meshes), output, stamps)
         return None
+
+    def places(self, original: Asset) -> Places:
+        """Find out where an override layer puts points; see `meshmark.usd.variant_places`.
+
+        Raises
+        ------
+        OutputError
+            If something in the source is stronger than any layer can be inside a variant.
+        """
+        from meshmark.usd.opening import open_stage
+        from meshmark.usd.variant_places import find_places
+
+        points = open_stage(original.source, original.variants).points
+        prims = (points.stage.GetPrimAtPath(mesh.prim) for mesh in original.meshes)
+        return find_places(original, points, prims)
 
     def deliver(
         self,

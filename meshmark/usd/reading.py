@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from pxr import Usd, UsdGeom
@@ -15,6 +15,7 @@ from meshmark.mesh.precision import rounding
 from meshmark.usd.diagnostics import caught, unopened
 from meshmark.usd.frames import StageFrames, blamed
 from meshmark.usd.geometry import shapes
+from meshmark.usd.instances import sharing
 from meshmark.usd.names import READER
 from meshmark.usd.opening import OpenStage, open_stage, resolved
 from meshmark.usd.prims import (
@@ -23,6 +24,7 @@ from meshmark.usd.prims import (
     mesh_prims,
     missing_layers,
     not_looked_at,
+    note_on_sharing,
     notes,
 )
 
@@ -97,12 +99,15 @@ def _read(source: str, opened: OpenStage, prims: Sequence[str] | None) -> Asset:
     found = {str(prim.GetPath()): prim for prim in mesh_prims(stage)}
     if not found:
         raise InputError("the stage holds no mesh", source=source)
+    shared = sharing(opened.points, found.values())
     if prims is None:
-        meshes, left_out = _read_fit(source, opened, found.values())
+        meshes, left_out = _read_fit(source, opened, found.values(), shared)
         unseen = _unseen(stage)
     else:
         _require(source, prims, found)
-        meshes = tuple(_read_mesh(source, opened, found[path]) for path in dict.fromkeys(prims))
+        meshes = tuple(
+            _read_mesh(source, opened, found[path], shared) for path in dict.fromkeys(prims)
+        )
         left_out, unseen = (), ()
     told = (f"{each.prim}: left out: {each.reason}" for each in left_out)
     return Asset(
@@ -133,7 +138,7 @@ def _require(source: str, wanted: Iterable[str], found: dict[str, Usd.Prim]) -> 
 
 
 def _read_fit(
-    source: str, opened: OpenStage, prims: Iterable[Usd.Prim]
+    source: str, opened: OpenStage, prims: Iterable[Usd.Prim], shared: Mapping[str, list[str]]
 ) -> tuple[tuple[MeshAnimation, ...], tuple[LeftOut, ...]]:
     meshes: list[MeshAnimation] = []
     errors: list[InputError] = []
@@ -143,7 +148,7 @@ def _read_fit(
             guides.append(LeftOut(str(prim.GetPath()), "purpose guide", guide=True))
             continue
         try:
-            meshes.append(_read_mesh(source, opened, prim))
+            meshes.append(_read_mesh(source, opened, prim, shared))
         except InputError as error:
             errors.append(error)
     if not meshes:
@@ -152,19 +157,23 @@ def _read_fit(
     return tuple(meshes), (*guides, *unfit)
 
 
-def _read_mesh(source: str, opened: OpenStage, prim: Usd.Prim) -> MeshAnimation:
+def _read_mesh(
+    source: str, opened: OpenStage, prim: Usd.Prim, shared: Mapping[str, list[str]]
+) -> MeshAnimation:
     path = str(prim.GetPath())
     with blamed(source, path):
         points = opened.points.of(prim)
         times = points.times()
         most = agreed(shapes(prim, times))
-        said, in_place = (*notes(prim), *points.notes), not prim.IsInstanceProxy()
+        said, alike = (*notes(prim), *points.notes), shared.get(path)
     reference, strays = (None, ()) if most is None else most
     frames = StageFrames(source, path, tuple(times.tolist()), reference, strays, opened.variants)
     index, first = _first_readable(frames)
     with blamed(source, path):
         stored = points.local(frames.times[index])
     flaw = first.topology.left_out
+    if alike is not None:
+        said = (note_on_sharing(path, alike), *said)
     return MeshAnimation(
         times=times,
         source=frames,
@@ -172,7 +181,8 @@ def _read_mesh(source: str, opened: OpenStage, prim: Usd.Prim) -> MeshAnimation:
         prim=path,
         origin=source,
         notes=(*said, flaw) if flaw else said,
-        in_place=in_place,
+        in_place=alike != [],
+        shared=alike[0] if alike else "",
         dtype=stored.dtype.name,
         rounding=rounding(stored, first.faces),
         flaw=flaw,

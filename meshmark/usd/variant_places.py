@@ -1,29 +1,26 @@
-"""Where in an override layer points go: at their prim, or inside the variants that shape it."""
+"""Where in an override layer points go: at their prim, in variants that shape it, in classes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
-from pathlib import Path
+from itertools import chain
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom
 
-from meshmark.errors import InputError, OutputError
+from meshmark.errors import InputError
 from meshmark.mesh.asset import Asset
 from meshmark.usd.blend_shapes import TARGETS, equal_shapes
 from meshmark.usd.diagnostics import caught
-from meshmark.usd.geometry import sample_times, time_code
-from meshmark.usd.layers import copy_stage_metadata, set_value
+from meshmark.usd.instances import Classes
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.primvars import different
-from meshmark.usd.variants import Choice, select, selections, write_selections
+from meshmark.usd.specs import NO_CLASSES
+from meshmark.usd.trial import Trial, is_mesh, selected
+from meshmark.usd.variants import Choice, selections
 
 CLIPS = Usd.ResolveInfoSourceValueClips
-# Points that no mesh has.
-SENTINEL = Vt.Vec3fArray([(0.25, -0.125, 1e30)])
 
 
 @dataclass(frozen=True)
@@ -49,14 +46,30 @@ class Place:
     elsewhere: frozenset[str] = frozenset()
 
 
-def find_places(
-    original: Asset, points: StagePoints, prims: Iterable[Usd.Prim]
-) -> dict[str, Place]:
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the marked points of meshes are written.
+
+    Parameters
+    ----------
+    found : mapping of str to Place
+        By the paths of the meshes.
+    classes : Classes
+        Of those inside instances.
+    """
+
+    found: Mapping[str, Place]
+    classes: Classes
+
+
+def find_places(original: Asset, points: StagePoints, prims: Iterable[Usd.Prim]) -> Places:
     """Find the place of each of some meshes.
 
     A mesh whose points are the same whatever is selected is written at its prim, for all variants.
     Points that depend on a variant are written inside that variant: anywhere else, they would be
-    put upon the shapes of the others, too.
+    put upon the shapes of the others, too. Points inside instances are written in a class, which
+    the instances inherit, in a variant if that shapes them. Those of which something says more
+    than a class can have no place.
 
     Parameters
     ----------
@@ -72,18 +85,95 @@ def find_places(
     OutputError
         If something in the source is stronger than any layer can be inside a variant.
     """
-    found = {str(prim.GetPath()): Place(prim.GetPath()) for prim in prims}
+    every, stage = list(prims), points.stage
+    inside = [prim for prim in every if prim.IsInstanceProxy()]
+    outside = [prim for prim in every if not prim.IsInstanceProxy()]
+    classes = Classes.for_prims(stage, inside, original.source) if inside else NO_CLASSES
+    shown = classes.shown(stage, inside)
+    like = _like(stage, classes, shown)
     with caught(original.source):
-        shaping, elsewhere = _shaping(original, points, found)
-        trial = _Trial(original, points.stage, list(shaping))
-        for path, choices in shaping.items():
-            chosen = tuple(choice for choice, _ in choices)
-            others = tuple(Choice(c.prim, c.set, name) for c, names in choices for name in names)
-            found[path] = Place(trial.place(path, chosen, others), chosen, others)
-    return {
-        path: replace(place, elsewhere=frozenset(elsewhere.get(path, ())))
-        for path, place in found.items()
-    }
+        tried = [meshes for instance, meshes in shown.items() if like[instance] == instance]
+        asked = [str(prim.GetPath()) for prim in chain(outside, *tried)]
+        shaping, elsewhere = _shaping(original, points, asked)
+        shaped = [str(prim.GetPath()) for prim in outside if str(prim.GetPath()) in shaping]
+        trial = Trial(original, stage, [*shaped, *map(str, shown)])
+        found: dict[str, Place] = {}
+        for prim in outside:
+            path = str(prim.GetPath())
+            chosen, others = _split(shaping.get(path, ()))
+            place = trial.of_mesh(prim, chosen, others) if chosen else prim.GetPath()
+            found[path] = Place(place, chosen, others, frozenset(elsewhere.get(path, ())))
+        held: dict[Sdf.Path, Place] = {}
+        for instance, meshes in shown.items():
+            model = like[instance]
+            paths = [str(mesh.GetPath().ReplacePrefix(instance, model)) for mesh in meshes]
+            choices = {each: names for p in paths for each, names in shaping.get(p, ())}
+            chosen, others = _split(choices.items())
+            if chosen and model == instance:
+                classes = trial.of_instance(instance, chosen, others, classes, meshes)
+            for mesh, path in zip(meshes, paths, strict=True):
+                own = Place(
+                    mesh.GetPath(),
+                    _of(chosen, model, instance),
+                    _of(others, model, instance),
+                    frozenset(elsewhere.get(path, ())),
+                )
+                inner = mesh.GetPrimInPrototype().GetPath()
+                held[inner] = _both(held.get(inner, own), own)
+        reached = trial.reached(classes, chain(*shown.values()))
+        for prim in inside:
+            if (spec := classes.spec(prim)) in reached:
+                place = held[prim.GetPrimInPrototype().GetPath()]
+                found[str(prim.GetPath())] = replace(place, path=spec)
+    return Places(found, classes)
+
+
+def _like(
+    stage: Usd.Stage, classes: Classes, instances: Iterable[Sdf.Path]
+) -> dict[Sdf.Path, Sdf.Path]:
+    """Map each instance to one whose variants do the same, so that a crowd is not tried one by one.
+
+    They share a prototype, and have no variants but those of what they show.
+    """
+    found: dict[Sdf.Path, Sdf.Path] = {}
+    first: dict[Sdf.Path, Sdf.Path] = {}
+    for instance in instances:
+        own = [
+            spec for spec in stage.GetPrimAtPath(instance).GetPrimStack() if spec.path == instance
+        ]
+        above = (stage.GetPrimAtPath(path) for path in instance.GetParentPath().GetPrefixes())
+        others = any(len(spec.variantSets) for spec in own)
+        if others or any(prim.HasVariantSets() for prim in above):
+            found[instance] = instance
+        else:
+            found[instance] = first.setdefault(classes.prototypes[instance], instance)
+    return found
+
+
+def _of(choices: tuple[Choice, ...], model: Sdf.Path, instance: Sdf.Path) -> tuple[Choice, ...]:
+    """Return choices of one instance as those of another."""
+    return tuple(
+        replace(each, prim=str(instance)) if each.prim == str(model) else each for each in choices
+    )
+
+
+def _split(
+    choices: Iterable[tuple[Choice, list[str]]],
+) -> tuple[tuple[Choice, ...], tuple[Choice, ...]]:
+    """Return the variants that shape a mesh, and the others of their sets."""
+    pairs = list(choices)
+    others = (Choice(each.prim, each.set, name) for each, names in pairs for name in names)
+    return tuple(each for each, _ in pairs), tuple(others)
+
+
+def _both(one: Place, other: Place) -> Place:
+    """Put together what two instances say of one spec."""
+    return Place(
+        one.path,
+        tuple(dict.fromkeys((*one.variants, *other.variants))),
+        tuple(dict.fromkeys((*one.others, *other.others))),
+        one.elsewhere | other.elsewhere,
+    )
 
 
 def _shaping(
@@ -103,7 +193,7 @@ def _shaping(
     matters: dict[str, set[Choice]] = {path: set() for path in offered}
     stage = Usd.Stage.Open(original.source)
     for choice, name in pairs:
-        with _selected(stage, [*original.variants, str(Choice(choice.prim, choice.set, name))]):
+        with selected(stage, [*original.variants, str(Choice(choice.prim, choice.set, name))]):
             others = StagePoints(stage)
             for path, each in offered.items():
                 if choice in matters[path] or all(choice != known for known, _ in each):
@@ -122,18 +212,9 @@ def _shaping(
     return {path: choices for path, choices in shaping.items() if choices}, elsewhere
 
 
-@contextmanager
-def _selected(stage: Usd.Stage, variants: Iterable[str]) -> Iterator[None]:
-    """Select variants in the session layer of a stage meanwhile; of one set, the last."""
-    before = stage.GetSessionLayer().ExportToString()
-    select(stage, map(Choice.parse, variants))
-    yield
-    stage.GetSessionLayer().ImportFromString(before)
-
-
 def _alike(own: MeshPoints, prim: Usd.Prim, others: StagePoints) -> bool:
     """Tell whether a mesh shows the same points, posed, at the same times in another stage."""
-    if not _is_mesh(prim):
+    if not is_mesh(prim):
         return False
     try:
         theirs = others.of(prim)
@@ -154,91 +235,3 @@ def _opinions(prim: Usd.Prim) -> object:
         return object()
     specs = points.GetPropertyStackWithLayerOffsets()
     return [(spec.layer.identifier, spec.path, offset) for spec, offset in specs]
-
-
-def _is_mesh(prim: Usd.Prim) -> bool:
-    return bool(prim and prim.IsActive() and prim.IsDefined() and prim.IsA(UsdGeom.Mesh))
-
-
-class _Trial:
-    """A layer over a stage, to find out where in it points win."""
-
-    def __init__(self, original: Asset, stage: Usd.Stage, paths: list[str]) -> None:
-        self._source = original.source
-        self._layer = Sdf.Layer.CreateAnonymous(".usda")
-        copy_stage_metadata(stage.GetRootLayer(), self._layer)
-        self._layer.subLayerPaths.append(Path(original.source).absolute().as_posix())
-        write_selections(self._layer, map(Choice.parse, original.variants))
-        self._stage = Usd.Stage.OpenMasked(self._layer, Usd.StagePopulationMask(paths))
-        self._own = self._layer.ExportToString()
-
-    def place(
-        self, path: str, variants: tuple[Choice, ...], others: tuple[Choice, ...]
-    ) -> Sdf.Path:
-        """Return a path through variants where points of a mesh win, and only if all are selected.
-
-        What is inside several may be weaker than what is inside one, which others come with.
-        """
-        sizes = range(len(variants), 0, -1)
-        for through in chain.from_iterable(combinations(variants, size) for size in sizes):
-            place = _through(Sdf.Path(path), through)
-            if self._wins(path, place, others):
-                return place
-        told = " and ".join(map(str, variants))
-        raise OutputError(
-            f"its shape depends on {told}, and is said where no layer can override it for that "
-            "variant alone; write a flattened deliverable instead",
-            source=self._source,
-            prim=path,
-        )
-
-    def _wins(self, path: str, place: Sdf.Path, others: tuple[Choice, ...]) -> bool:
-        time = float(sample_times(self._stage.GetPrimAtPath(path))[0])
-        spec = over(self._layer, place, self._stage)
-        points = Sdf.AttributeSpec(spec, "points", Sdf.ValueTypeNames.Point3fArray)
-        set_value(self._layer, points.path, time, SENTINEL)
-        wins = self._shows(path, time)
-        for each in others:
-            with _selected(self._stage, [str(each)]):
-                wins = wins and not self._shows(path, time)
-        self._layer.ImportFromString(self._own)
-        return wins
-
-    def _shows(self, path: str, time: float) -> bool:
-        prim = self._stage.GetPrimAtPath(path)
-        shown = UsdGeom.Mesh(prim).GetPointsAttr().Get(time_code(time)) if _is_mesh(prim) else None
-        return bool(shown == SENTINEL)
-
-
-def over(layer: Sdf.Layer, place: Sdf.Path, stage: Usd.Stage) -> Sdf.PrimSpec:
-    """Make the spec of a mesh in a layer, and keep the order of the sets of variants around it.
-
-    Of several sets the first is the strongest; whoever adds to one would put it first.
-    """
-    spec = Sdf.CreatePrimInLayer(layer, place)
-    for prefix in place.GetPrefixes():
-        if not prefix.IsPrimVariantSelectionPath():
-            continue
-        owner = layer.GetPrimAtPath(prefix.GetParentPath())
-        prim = stage.GetPrimAtPath(prefix.StripAllVariantSelections())
-        around = _sets_around(prefix.GetParentPath())
-        names = [each for each in prim.GetVariantSets().GetNames() if each not in around]
-        owner.variantSetNameList.prependedItems = names
-    return spec
-
-
-def _sets_around(path: Sdf.Path) -> set[str]:
-    """Name the sets of the same prim whose variants a path ends in."""
-    found: set[str] = set()
-    while path.IsPrimVariantSelectionPath():
-        found.add(path.GetVariantSelection()[0])
-        path = path.GetParentPath()
-    return found
-
-
-def _through(path: Sdf.Path, variants: Iterable[Choice]) -> Sdf.Path:
-    """Let the path of a prim go through variants, the outermost first."""
-    for each in reversed(list(variants)):
-        inside = Sdf.Path(each.prim).AppendVariantSelection(each.set, each.name)
-        path = path.ReplacePrefix(Sdf.Path(each.prim), inside)
-    return path

@@ -26,9 +26,10 @@ from meshmark.usd.names import BAKE, FOLLOW, KEEP, REST_POSE
 from meshmark.usd.opening import open_stage
 from meshmark.usd.points import MeshPoints, StagePoints
 from meshmark.usd.reach import refuse_to_overwrite
+from meshmark.usd.specs import author_classes, over
 from meshmark.usd.stamp import NO_STAMPS, Stamp, Stamps
 from meshmark.usd.stamping import write_stamp
-from meshmark.usd.variant_places import Place, find_places, over
+from meshmark.usd.variant_places import Place, Places, find_places
 from meshmark.usd.velocities import author_velocities
 
 
@@ -69,6 +70,7 @@ def write_override(
     skel: str = BAKE,
     stamps: Stamps = NO_STAMPS,
     primvars: str = FOLLOW,
+    places: Places | None = None,
 ) -> Override:
     """Write a layer over the original's file with the points of the marked meshes.
 
@@ -84,8 +86,8 @@ def write_override(
     original : Asset
         As read by `read_stage`; only where it was read from matters.
     marked : Asset
-        Any of its meshes with points moved, world space, possibly only some frames. Meshes
-        inside instances are skipped: USD lets nothing be said about them from outside.
+        Any of its meshes with points moved, world space, possibly only some frames. Of meshes
+        that instances share, the first counts.
     output : Path
         A .usd or .usdc file (crate), or .usda (text). Replaced in one step if it exists.
     skel : {"bake", "rest"}
@@ -94,6 +96,8 @@ def write_override(
         What meshes, by their paths, are to say of their marks.
     primvars : {"follow", "keep"}
         Whether what hangs on points that slid gets the values of their new places.
+    places : Places, optional
+        Of the marked meshes, if they are known.
 
     Returns
     -------
@@ -111,22 +115,30 @@ def write_override(
     stage = opened.stage
     refuse_to_overwrite(original.source, output)
     pairs = [(require_prim(stage, mesh, original.source), mesh) for mesh in marked.meshes]
-    pairs = [(prim, mesh) for prim, mesh in pairs if not prim.IsInstanceProxy()]
-    if not pairs:
+    if places is None:
+        places = find_places(original, opened.points, [prim for prim, _ in pairs])
+    # Of meshes that instances share, the first.
+    found = {
+        place.path: (prim, mesh, place)
+        for prim, mesh in reversed(pairs)
+        if (place := places.found.get(mesh.prim)) is not None
+    }
+    if not found:
         raise OutputError(
-            "every marked mesh is inside an instance, which no override layer can change; "
+            "every marked mesh is inside an instance, and said where no layer can override it; "
             "write a flattened deliverable instead",
             source=original.source,
         )
-    places = find_places(original, opened.points, [prim for prim, _ in pairs])
     with new_layer(output) as target:
         lay_over(target.layer, stage, original, output)
-        for prim, mesh in pairs:
-            spec, points = over(target.layer, places[mesh.prim].path, stage), opened.points.of(prim)
+        author_classes(target.layer, places.classes, stage)
+        for prim, mesh, place in reversed(found.values()):
+            spec = over(target.layer, place.path, stage, places.classes)
+            points = opened.points.of(prim)
             stamp = stamps.get(mesh.prim)
             # Inside a variant, influences that are said for all would win.
-            kept = places[mesh.prim].elsewhere
-            bound = not places[mesh.prim].variants and kept.isdisjoint((INDICES, WEIGHTS, TARGETS))
+            kept = place.elsewhere
+            bound = not place.variants and kept.isdisjoint((INDICES, WEIGHTS, TARGETS))
             frames = author_marked(
                 target,
                 spec,
@@ -142,7 +154,7 @@ def write_override(
                 author_followed(target, spec, points, frames, posed=skel == BAKE, kept=kept)
                 author_velocities(target, spec, points, frames)
     return Override(
-        {prim: place for prim, place in places.items() if place.variants},
+        {mesh.prim: place for _, mesh, place in reversed(found.values()) if place.variants},
         staying_shapes(opened.points, marked, skel, primvars),
     )
 

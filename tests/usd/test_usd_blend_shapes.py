@@ -188,15 +188,20 @@ def test_shapes_that_do_not_fit_stay(tmp_path: Path) -> None:
     assert written(tmp_path / "o.usda") == {}
 
 
-def test_instances_have_shapes_of_their_own_in_a_deliverable(tmp_path: Path) -> None:
-    waving_stage(tmp_path / "a.usda").save()
-    stage = Usd.Stage.CreateNew(str(tmp_path / "two.usda"))
+def instances(folder: Path) -> str:
+    """Write two instances of the tube with its shape."""
+    waving_stage(folder / "a.usda").save()
+    stage = Usd.Stage.CreateNew(str(folder / "two.usda"))
     for name in ("a", "b"):
         prim = stage.DefinePrim(f"/{name}")
         prim.GetReferences().AddReference("./a.usda")
         prim.SetInstanceable(True)
     stage.GetRootLayer().Save()
-    original = read_stage(str(tmp_path / "two.usda"))
+    return str(folder / "two.usda")
+
+
+def test_instances_have_shapes_of_their_own_in_a_deliverable(tmp_path: Path) -> None:
+    original = read_stage(instances(tmp_path))
     marked = planned(original)
     done = write_flattened(original, marked, tmp_path / "o.usda", skel="rest")
     assert "shared_shapes" not in done.as_json()
@@ -204,6 +209,16 @@ def test_instances_have_shapes_of_their_own_in_a_deliverable(tmp_path: Path) -> 
     np.testing.assert_array_equal(found["b"], waving(V).astype(np.float32))
     away = np.abs(found["a"] - waving(V + ALONG)).max()
     assert away < 0.35 * np.abs(found["b"] - waving(V + ALONG)).max()
+
+
+def test_instances_share_shapes_that_follow(tmp_path: Path) -> None:
+    original = read_stage(instances(tmp_path))
+    write_override(original, planned(original), tmp_path / "o.usda", skel="rest")
+    shown = Usd.Stage.Open(str(tmp_path / "o.usda"))
+    assert shown.GetPrimAtPath("/a").GetPrototype() == shown.GetPrimAtPath("/b").GetPrototype()
+    offsets = UsdSkel.BlendShape(shown.GetPrimAtPath("/b/arm/smile")).GetOffsetsAttr().Get()
+    away = np.abs(np.array(offsets) - waving(V + ALONG)).max()
+    assert away < 0.35 * np.abs(waving(V) - waving(V + ALONG)).max()
 
 
 def test_shapes_that_are_others_in_other_variants_stay(tmp_path: Path) -> None:

@@ -20,8 +20,9 @@ from usd_stages import moved
 
 def assert_only_moved(source: str, output: Path, marked: Asset) -> None:
     """The composed stage shows the marked points, and is else what the source is."""
-    meshes = [mesh for mesh in marked.meshes if mesh.in_place]
-    allowed = {mesh.prim: MOVED for mesh in meshes}
+    allowed = {mesh.prim: MOVED for mesh in marked.meshes}
+    # Of those that instances share, the first; one mesh moved for all.
+    meshes = list({mesh.shared or mesh.prim: mesh for mesh in marked.meshes[::-1]}.values())
     before, after = Usd.Stage.Open(source), Usd.Stage.Open(str(output))
     assert differences(before, after, allowed) == []
     shown = read_stage(str(output))
@@ -47,8 +48,9 @@ def test_the_override_wins_and_nothing_else_changes(tmp_path: Path, arc: str) ->
 
 
 def test_what_shows_a_marked_prim_follows_it(tmp_path: Path) -> None:
+    """An instance that was not asked for."""
     source = shown_elsewhere(tmp_path, CUBE)
-    marked = moved(read_stage(source))
+    marked = moved(read_stage(source, ["/model/m"]))
     write_override(read_stage(source), marked, tmp_path / "o.usda")
     before, after = Usd.Stage.Open(source), Usd.Stage.Open(str(tmp_path / "o.usda"))
     assert differences(before, after, {"/model/m": MOVED, "/copy/m": MOVED}) == []

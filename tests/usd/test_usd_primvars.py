@@ -269,7 +269,7 @@ def test_instances_follow_in_a_deliverable(tmp_path: Path) -> None:
         prim.SetInstanceable(True)
     stage.GetRootLayer().Save()
     original = read_stage(str(tmp_path / "two.usda"))
-    proxies = [mesh.prim for mesh in original.meshes if not mesh.in_place]
+    proxies = [mesh.prim for mesh in original.meshes if mesh.shared]
     assert proxies
     signs = {prim: 1 + index for index, prim in enumerate(proxies)}
     meshes = tuple(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
 
-from meshmark.errors import OutputError
 from meshmark.usd import layers
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
@@ -176,19 +175,6 @@ def test_value_clips_are_overridden(tmp_path: Path) -> None:
     again = read_stage(str(tmp_path / "o.usda")).meshes[0]
     for before, after in zip(marked.meshes[0], again, strict=True):
         np.testing.assert_array_equal(after.points, before.points.astype(np.float32))
-
-
-def test_meshes_inside_instances_are_skipped(tmp_path: Path) -> None:
-    write_text(tmp_path / "model.usda", f'def Xform "M"\n{{{cube()}}}', 'defaultPrim = "M"')
-    copy = 'def "copy" (references = @model.usda@\n instanceable = true)\n{\n}\n'
-    both = read_stage(write_text(tmp_path / "both.usda", cube() + copy))
-    write_override(both, moved(both), tmp_path / "o.usda")
-    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "o.usda"))
-    assert [prim.name for prim in layer.rootPrims] == ["cube"]
-    alone = read_stage(write_text(tmp_path / "alone.usda", copy))
-    with pytest.raises(OutputError, match="inside an instance"):
-        write_override(alone, moved(alone), tmp_path / "none.usda")
-    assert not (tmp_path / "none.usda").exists()
 
 
 @pytest.mark.parametrize("batch", [1, 1000, layers.BATCH_BYTES])
