@@ -92,7 +92,7 @@ def _frames(asset: Row) -> str:
 def _distortion_table(rows: Sequence[Row]) -> str:
     names = ("flipped_faces", "max_move_edges", "flicker", "flicker_world")
     known = {"asset", "scheme", "prim", "error", "paper", "hausdorff", "mrms"}
-    known |= {"hausdorff_rel", "mrms_rel", *names}
+    known |= {"hausdorff_rel", "mrms_rel", "mrms_rel_error", "compared_frames", *names}
     extra = [name for name in rows[0] if name not in known]
     header = ["scheme", "Hausdorff / diagonal (absolute)", "paper", "MRMS / diagonal (absolute)"]
     header += ["paper", *(name.replace("_", " ") for name in (*names, *extra))]

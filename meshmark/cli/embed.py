@@ -134,6 +134,12 @@ def embed(
             help="Which version of it; by default the first digits of its SHA-256.",
         ),
     ] = None,
+    check_all: Annotated[
+        bool,
+        typer.Option(
+            "--check-all", help="Compare and verify all frames of OUTPUT, not twelve of each mesh."
+        ),
+    ] = False,
     every: Annotated[
         bool,
         typer.Option("--all", help="Print every message, not only the first few of each kind."),
@@ -169,6 +175,7 @@ def embed(
             skel=skel,
             stamp=stamp,
             primvars=primvars,
+            check_all=check_all,
             dry_run=dry_run,
             record=recorder,
             trusted=trusted,

@@ -10,21 +10,23 @@ from typing import Any
 
 from meshmark.detection.verdict import PrimVerdict, Verdict
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh
+from meshmark.embedding.checks import (
+    TARGET_FPR,
+    checked_frames,
+    measure_distortion,
+    told_of_limit,
+)
 from meshmark.embedding.manifest import FORMAT
 from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number
 from meshmark.keys import Key
-from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.metrics import distortion
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.facts import texture_coordinates
 from meshmark.usd.names import KEEP, READER
 from meshmark.usd.stamp import Stamp
 from meshmark.version import __version__
 
-# The false positive rate that what was written is verified at.
-TARGET_FPR = 1e-6
 # What says nothing of the marks.
 PLACES = ("source", "output", "asked")
 
@@ -111,7 +113,14 @@ def stamps_told(document: Mapping[str, Any]) -> dict[str, Stamp]:
 
 
 def describe_marks(
-    marked: MarkedAsset, written: Asset, verdict: Verdict, *, primvars: str, jobs: int
+    marked: MarkedAsset,
+    written: Asset,
+    verdict: Verdict,
+    *,
+    layers: Sequence[Recipe],
+    primvars: str,
+    check_all: bool,
+    jobs: int,
 ) -> dict[str, Any]:
     """Tell of each marked mesh how far it was moved, and what verification says of it.
 
@@ -123,8 +132,12 @@ def describe_marks(
         The marked meshes as they were written, in the same order.
     verdict : Verdict
         On what was written, at `TARGET_FPR`.
+    layers : sequence of Recipe
+        What it was marked by.
     primvars : {"follow", "keep"}
         Whether texture coordinates are others in what was written.
+    check_all : bool
+        Whether all frames are compared, and were verified.
     jobs : int
         Worker processes.
     """
@@ -133,12 +146,19 @@ def describe_marks(
         _coordinates(marked.original, written, mesh.original.prim, primvars)
         for mesh in marked.meshes
     ]
+    found = [
+        measure_distortion(mesh, shown, textures, layers, check_all=check_all, jobs=jobs)
+        for mesh, shown, textures in zip(marked.meshes, written.meshes, coordinates, strict=True)
+    ]
     return {
         "prims": [
-            _mesh(mesh, shown, verdicts.get(mesh.animation.prim), textures, jobs)
-            for mesh, shown, textures in zip(
-                marked.meshes, written.meshes, coordinates, strict=True
-            )
+            {
+                **_mesh(mesh, verdicts.get(mesh.animation.prim)),
+                "notes": [*mesh.animation.notes, *told_of_limit(each, layers)],
+                "checked_frames": len(checked_frames(mesh, check_all)),
+                "distortion": {name: number(value) for name, value in vars(each).items()},
+            }
+            for mesh, each in zip(marked.meshes, found, strict=True)
         ],
         "verification": {
             "verdict": verdict.verdict,
@@ -166,30 +186,21 @@ def _coordinates(asset: Asset, written: Asset, prim: str, primvars: str) -> dict
     return {"uv": before, "marked_uv": after}
 
 
-def _mesh(
-    mesh: MarkedMesh,
-    shown: MeshAnimation,
-    verdict: PrimVerdict | None,
-    coordinates: dict[str, Any],
-    jobs: int,
-) -> dict[str, Any]:
-    first, chosen = mesh.original[0], mesh.frames
-    found = distortion(mesh.original.select(chosen), shown.select(chosen), **coordinates, jobs=jobs)
+def _mesh(mesh: MarkedMesh, verdict: PrimVerdict | None) -> dict[str, Any]:
+    first = mesh.original[0]
     told = None if verdict is None else verdict.as_json()
     kept = ("verdict", "log10_p", "chips", "ber")
     return {
         "prim": mesh.animation.prim,
-        "notes": list(mesh.animation.notes),
         "points": first.topology.n_points,
         "faces": len(first.topology.counts),
         "frames": len(mesh.original),
-        "marked_frames": len(chosen),
+        "marked_frames": len(mesh.frames),
         "passed_over": [
             {"time": number(time), "reason": error.message} for time, error in mesh.passed_over
         ],
         "carriers": mesh.carriers,
         "layers": [{"scheme": layer.scheme, "carriers": layer.carriers} for layer in mesh.layers],
         "missing": [{"scheme": name, "reason": reason} for name, reason in mesh.missing],
-        "distortion": {name: number(value) for name, value in vars(found).items()},
         "verification": None if told is None else {name: told[name] for name in kept},
     }

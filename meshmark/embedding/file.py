@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from meshmark.delivery.unmarked import (
-    require_allowed,
-    require_extent,
-    require_held,
-    require_small,
-    split_fit,
-    split_in_place,
-    unasked,
-)
-from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import Verdict, jointly
-from meshmark.detection.verify import judge_all, verify_informed
+from meshmark.delivery.unmarked import require_held, require_small, split_in_place, unasked
 from meshmark.embedding.asset import MarkedAsset, embed
-from meshmark.embedding.description import TARGET_FPR, describe_marks, describe_run, record_of
+from meshmark.embedding.checks import verify_written
+from meshmark.embedding.description import describe_marks, describe_run, record_of
+from meshmark.embedding.left_out import markable_of, told_of_skipped, unheld
 from meshmark.embedding.manifest import (
     Manifest,
     announced,
@@ -31,9 +22,9 @@ from meshmark.embedding.manifest import (
     output_hashes,
     require_unmarked,
 )
-from meshmark.embedding.outputs import check_output
+from meshmark.embedding.outputs import check_output, master_keeper
 from meshmark.embedding.undoing import as_they_were
-from meshmark.errors import NoExtentError, UsageError
+from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe, in_order
 from meshmark.files.atomic import write_json
 from meshmark.files.locks import held
@@ -49,10 +40,6 @@ from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
-
-if TYPE_CHECKING:
-    from meshmark.usd.delivery import Delivery
-    from meshmark.usd.writing import Override
 
 
 @sharing_workers
@@ -73,6 +60,7 @@ def mark_file(
     skel: str = BAKE,
     stamp: bool = False,
     primvars: str = FOLLOW,
+    check_all: bool = False,
     dry_run: bool = False,
     record: Callable[[dict[str, Any]], object] | None = None,
     trusted: bool = True,
@@ -123,6 +111,10 @@ def mark_file(
     primvars : {"follow", "keep"}
         What becomes of texture coordinates, colours, normals and the like on points of a stage
         that slid: they get the values of their new places, or keep their own.
+    check_all : bool
+        Compare and verify all frames of what was written. By default it is a few, spread over the
+        animation; all are compared, too, if those leave it in doubt whether the limit to the
+        distortion is kept.
     dry_run : bool
         Do everything but write.
     record : callable, optional
@@ -165,11 +157,11 @@ def mark_file(
         skel=skel,
         primvars=primvars,
     )
-    keep = _keeper(master, original, target, parameters, layers, skel, primvars)
+    keep = master_keeper(master, original, target, parameters, layers, skel, primvars)
     others: Sequence[LeftOut] = ()
     if deliver and prims:
         others = unasked(read(source, parameters=parameters, isolated=not trusted), prims)
-    markable = _markable(original, deliver, allow_unmarked)
+    markable = markable_of(original, deliver, allow_unmarked)
     if not deliver and original.reader == READER and UsdReader().writes(target):
         # Whatever cannot be written is told of before all the work.
         places = UsdReader().places(markable)
@@ -193,14 +185,16 @@ def mark_file(
             "allow_unmarked": list(allow_unmarked),
             "keep_metadata": keep_metadata,
             "stamp": stamp,
+            "check_all": check_all,
         },
     )
-    verify = partial(
-        _verify,
+    check = partial(
+        _check,
         key=key,
         layers=layers,
-        frames=frames,
         recipient=recipient,
+        primvars=primvars,
+        check_all=check_all,
         jobs=jobs,
         progress=_stage(progress, "verify"),
     )
@@ -220,23 +214,21 @@ def mark_file(
         )
         if deliver:
             require_small(markable, marked.skipped, allow_unmarked)
-            require_held(markable, _unheld(marked), allow_unmarked)
+            require_held(markable, unheld(marked), allow_unmarked)
         marked = replace(marked, original=original)
-        document["skipped"] = _skipped(marked, markable, others, deliver)
+        document["skipped"] = told_of_skipped(marked, markable, others, deliver)
         if stamp:
             document["record"] = record_of(document, marked, key)
             write = partial(write, stamps=_stamps(marked, document["record"]))
         require_unchanged(files)
         if dry_run:
-            verdict = verify(marked.asset, marked)
-            return Manifest(
-                document
-                | describe_marks(marked, marked.asset, verdict, primvars=primvars, jobs=jobs)
-            )
+            return Manifest(document | check(marked.asset, marked))
         outputs = [target] if master is None else [target, Path(master)]
         with as_they_were(outputs if record else ()) as undoing, announced(document, target):
-            verified = partial(verify, marked=marked)
-            document |= _written(marked, target, parameters, write, verified, primvars, jobs)
+            done = write(marked.asset)
+            document |= {} if done is None else done.as_json()
+            held_by = [mesh.original.prim for mesh in marked.meshes]
+            document |= check(read_back(original, target, held_by, parameters), marked)
             keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
@@ -276,35 +268,6 @@ def _require_sensible(
         raise UsageError("--keep-metadata is for --deliver only")
 
 
-def _markable(original: Asset, deliver: bool, allow_unmarked: Sequence[str]) -> Asset:
-    """Leave out what cannot be marked; refuse to deliver what nobody allowed to go unmarked."""
-    markable = split_fit(original)
-    if not deliver:
-        return markable
-    require_allowed(markable, allow_unmarked)
-    require_extent(markable, allow_unmarked)
-    return markable
-
-
-def _skipped(
-    marked: MarkedAsset, markable: Asset, others: Iterable[LeftOut], deliver: bool
-) -> list[dict[str, str]]:
-    """Tell of the meshes that hold no mark. Guides count in a deliverable only."""
-    left_out = [each for each in markable.left_out if deliver or not each.guide]
-    skipped = (*marked.skipped, *left_out, *others)
-    return [{"prim": each.prim, "reason": each.reason} for each in skipped]
-
-
-def _unheld(marked: MarkedAsset) -> list[LeftOut]:
-    """List the frames of marked meshes that can hold no mark, though they show something."""
-    return [
-        LeftOut(mesh.original.prim, f"frame {time:g}: {error.message}")
-        for mesh in marked.meshes
-        for time, error in mesh.passed_over
-        if not isinstance(error, NoExtentError)
-    ]
-
-
 def _stamps(marked: MarkedAsset, record: str) -> dict[str, Stamp]:
     return {
         mesh.original.prim: Stamp(record, tuple(layer.scheme for layer in mesh.layers))
@@ -312,99 +275,38 @@ def _stamps(marked: MarkedAsset, record: str) -> dict[str, Stamp]:
     }
 
 
-def _written(
-    marked: MarkedAsset,
-    target: Path,
-    parameters: Mapping[str, Any] | None,
-    write: Callable[..., Delivery | Override | None],
-    verified: Callable[[Asset], Verdict],
-    primvars: str,
-    jobs: int,
-) -> dict[str, Any]:
-    """Write what was marked, read it back, verify it, and tell of it."""
-    done = write(marked.asset)
-    told = {} if done is None else done.as_json()
-    prims = [mesh.original.prim for mesh in marked.meshes]
-    written = read_back(marked.original, target, prims, parameters)
-    verdict = verified(written)
-    return told | describe_marks(marked, written, verdict, primvars=primvars, jobs=jobs)
-
-
-def _keeper(
-    master: str | Path | None,
-    original: Asset,
-    target: Path,
-    parameters: Mapping[str, Any] | None,
-    layers: Sequence[Recipe],
-    skel: str,
-    primvars: str,
-) -> Callable[[Asset], object]:
-    """Return what writes the master, or does nothing if none is asked for.
-
-    Raises
-    ------
-    UsageError, OutputError
-        If it cannot be written there, or no blind layer would be in it.
-    """
-    if master is None:
-        return lambda _: None
-    path = Path(master)
-    if all(layer.informed for layer in layers):
-        raise UsageError("--master keeps what blind layers made; there is none")
-    if path.resolve() == target.resolve():
-        raise UsageError("the master is the output", source=path)
-    check_output(path, original, deliver=False)
-    # `verify` reads points alone. But a rest pose is posed by what follows.
-    primvars = primvars if skel == REST_POSE else KEEP
-    return writer(original, path, parameters=parameters, skel=skel, primvars=primvars)
-
-
-def _verify(
+def _check(
     written: Asset,
     marked: MarkedAsset,
+    *,
     key: Key,
     layers: Sequence[Recipe],
-    frames: str | None,
     recipient: str | None,
-    *,
+    primvars: str,
+    check_all: bool,
     jobs: int,
     progress: MeshProgress | None,
-) -> Verdict:
-    """Verify what was written just now: nobody smoothed it, or joined anything to it."""
-    blind = [layer for layer in layers if not layer.informed]
-    informed = [layer for layer in layers if layer.informed]
-    names = [] if recipient is None else [recipient]
-    alone = beside = None
-    if blind:
-        evidence = gather(
-            written,
-            recipes=blind,
-            frames=frames,
-            restored=False,
-            parts=False,
-            jobs=jobs,
-            progress=progress,
-        )
-        alone = judge_all(evidence, key, recipients=names, fpr=TARGET_FPR)
-    if informed:
-        whole = replace(marked.original, meshes=tuple(mesh.original for mesh in marked.meshes))
-        beside = verify_informed(
-            written,
-            key,
-            informed,
-            names,
-            original=whole,
-            master=marked.master if blind else None,
-            frames=frames,
-            fpr=TARGET_FPR,
-            jobs=jobs,
-            progress=progress,
-        )
-    if alone is None or beside is None:
-        one = alone or beside
-        assert one is not None
-        return one
-    return jointly(alone, beside, TARGET_FPR)
+) -> dict[str, Any]:
+    """Verify what was written, measure its distortion, and tell of both."""
+    verdict = verify_written(
+        written,
+        marked,
+        key,
+        layers,
+        recipient=recipient,
+        check_all=check_all,
+        jobs=jobs,
+        progress=progress,
+    )
+    return describe_marks(
+        marked,
+        written,
+        verdict,
+        layers=layers,
+        primvars=primvars,
+        check_all=check_all,
+        jobs=jobs,
+    )
 
 
 def _stage(progress: StageProgress | None, stage: str) -> MeshProgress | None:

@@ -1,16 +1,20 @@
-"""Whether there is a place for an output, asked before any work is done."""
+"""Whether there is a place for an output, and a master, asked before any work is done."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import OutputError, UsageError
+from meshmark.extension.recipe import Recipe
 from meshmark.files.places import assets_folder, data_file, require_apart, require_names_fit
 from meshmark.mesh.asset import Asset
 from meshmark.sources.facts import files_in_reach
-from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark.sources.writing import writer
+from meshmark.usd.names import KEEP, LAYER_SUFFIXES, REST_POSE
 
 
 def check_output(target: Path, source: str | Path | Asset, deliver: bool) -> None:
@@ -70,3 +74,32 @@ def _joins(target: Path, source: Path) -> bool:
         kinds = {file.suffix.lower() for file in source.iterdir()}
         return target.parent.resolve() == source.resolve() and target.suffix.lower() in kinds - {""}
     return not source.exists() and target.absolute().match(str(source.absolute()))
+
+
+def master_keeper(
+    master: str | Path | None,
+    original: Asset,
+    target: Path,
+    parameters: Mapping[str, Any] | None,
+    layers: Sequence[Recipe],
+    skel: str,
+    primvars: str,
+) -> Callable[[Asset], object]:
+    """Return what writes the master, or does nothing if none is asked for.
+
+    Raises
+    ------
+    UsageError, OutputError
+        If it cannot be written there, or no blind layer would be in it.
+    """
+    if master is None:
+        return lambda _: None
+    path = Path(master)
+    if all(layer.informed for layer in layers):
+        raise UsageError("--master keeps what blind layers made; there is none")
+    if path.resolve() == target.resolve():
+        raise UsageError("the master is the output", source=path)
+    check_output(path, original, deliver=False)
+    # `verify` reads points alone. But a rest pose is posed by what follows.
+    primvars = primvars if skel == REST_POSE else KEEP
+    return writer(original, path, parameters=parameters, skel=skel, primvars=primvars)

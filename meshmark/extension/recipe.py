@@ -271,17 +271,23 @@ def within_mrms(layers: Sequence[Recipe], max_mrms: float | None = None) -> tupl
         If a layer has no such limit, although one is asked for.
     """
     limits = [layer.parameter("max_mrms") for layer in layers]
-    if None in limits:
+    total = mrms_limit(layers)
+    if total is None:
         if max_mrms is None:
             return tuple(layers)
         name = layers[limits.index(None)].scheme
         raise UsageError(f"scheme {name} has no limit to the distortion")
-    total = float(np.sqrt(sum(limit**2 for limit in limits)))
     share = (limits[0] if max_mrms is None else max_mrms) / total
     return tuple(
         layer.with_parameter("max_mrms", share * limit)
         for layer, limit in zip(layers, limits, strict=True)
     )
+
+
+def mrms_limit(layers: Sequence[Recipe]) -> float | None:
+    """Return what layers may distort together, see `within_mrms`; None if one has no limit."""
+    limits = [layer.parameter("max_mrms") for layer in layers]
+    return None if None in limits else float(np.sqrt(sum(limit**2 for limit in limits)))
 
 
 def all_schemes(

@@ -20,7 +20,7 @@ from meshmark.workers.ordered_map import ordered_map
 
 @dataclass(frozen=True)
 class Distortion:
-    """Distortion of an animation: means over its frames; flicker and jitter span them.
+    """Distortion of an animation: means over the frames compared; flicker and jitter span all.
 
     Parameters
     ----------
@@ -28,6 +28,10 @@ class Distortion:
         Surface distances in the unit of the points.
     hausdorff_rel, mrms_rel : float
         The same over the diagonal of the original frame's bounding box.
+    mrms_rel_error : float
+        Standard error of `mrms_rel`, see `standard_error`; NaN for one frame of several.
+    compared_frames : int
+        Frames compared.
     flipped_faces : float
         Faces whose normal turned by more than 90 degrees.
     min_angle_change : float
@@ -58,6 +62,8 @@ class Distortion:
     mrms: float
     hausdorff_rel: float
     mrms_rel: float
+    mrms_rel_error: float
+    compared_frames: int
     flipped_faces: float
     min_angle_change: float
     normal_turn: float
@@ -87,7 +93,7 @@ def distortion(
         As many frames each; compared in order.
     frames : sequence of int, optional
         Indices of the frames to compare, increasing; all by default. Flicker and jitter are
-        then between neighbours among these.
+        those of all frames in any case.
     uv : (N, 2) or (F, 3, 2) float64, or callable, optional
         Texture coordinates of the vertices or of the triangles' corners, in every frame; or what
         returns them for a time.
@@ -114,23 +120,69 @@ def distortion(
         raise UsageError("there is no frame to compare", prim=original.prim)
     compare = _CompareFrames(original, marked, Texture(uv, marked_uv), samples, seed)
     rows: list[dict[str, float]] = []
-    restlessness, trembling = Flicker(), Jitter()
+    over_time = _OverTime(original, marked)
     # What needs the frames in order is done here, while workers compare those ahead.
     for index, row in zip(chosen, ordered_map(compare, chosen, jobs=jobs), strict=True):
         rows.append(row)
-        before, after = original[index], marked[index]
-        if before.topology.same_as(after.topology):
-            displacement = after.points - before.points
-            restlessness.add(before.points, displacement, before.faces)
-            trembling.add(before.time, before.points, displacement)
+        over_time.add_until(index + 1)
+    over_time.add_until(len(original))
+    errors = np.array([row.pop("mrms_rel_error") for row in rows])
     means = dict(zip(rows[0], np.mean([list(row.values()) for row in rows], axis=0), strict=True))
     shared = not math.isnan(means["max_move_edges"])
+    mrms = np.array([row["mrms_rel"] for row in rows])
     return Distortion(
         **{name: float(mean) for name, mean in means.items()},
-        flicker=restlessness.ratio() if shared else math.nan,
-        flicker_world=restlessness.ratio_world() if shared else math.nan,
-        jitter=trembling.ratio() if shared else math.nan,
+        mrms_rel_error=standard_error(mrms, errors, len(original)),
+        compared_frames=len(rows),
+        flicker=over_time.flicker.ratio() if shared else math.nan,
+        flicker_world=over_time.flicker.ratio_world() if shared else math.nan,
+        jitter=over_time.jitter.ratio() if shared else math.nan,
     )
+
+
+def standard_error(values: FloatArray, errors: FloatArray, n_frames: int) -> float:
+    """Compute the standard error of a mean over frames of which only some were measured.
+
+    Parameters
+    ----------
+    values : (n,) float64
+        What was measured of each frame.
+    errors : (n,) float64
+        Standard error of each.
+    n_frames : int
+        Frames in all.
+
+    Returns
+    -------
+    float
+        As if the frames were drawn at random without replacement: frames that are spread over a
+        motion err by less. NaN for one of several frames.
+    """
+    n = len(values)
+    within = float(np.sum(errors**2)) / n**2
+    if n == n_frames:
+        return math.sqrt(within)
+    if n == 1:
+        return math.nan
+    return math.sqrt(within + (1.0 - n / n_frames) * float(np.var(values, ddof=1)) / n)
+
+
+class _OverTime:
+    """What needs the frames in order, read once."""
+
+    def __init__(self, original: MeshAnimation, marked: MeshAnimation) -> None:
+        self._original, self._marked, self._next = original, marked, 0
+        self.flicker, self.jitter = Flicker(), Jitter()
+
+    def add_until(self, stop: int) -> None:
+        """Take in the frames before `stop` that were not yet."""
+        for index in range(self._next, stop):
+            before, after = self._original[index], self._marked[index]
+            if before.topology.same_as(after.topology):
+                displacement = after.points - before.points
+                self.flicker.add(before.points, displacement, before.faces)
+                self.jitter.add(before.time, before.points, displacement)
+        self._next = stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +211,7 @@ def _frame_distortion(
         "mrms": distance.mrms,
         "hausdorff_rel": distance.hausdorff / distance.diagonal,
         "mrms_rel": distance.mrms / distance.diagonal,
+        "mrms_rel_error": distance.mrms_error / distance.diagonal,
     }
     pair = (before.points, after.points, before.faces)
     if not before.topology.same_as(after.topology):

@@ -22,12 +22,16 @@ class SurfaceDistance:
         Largest distance from a point of either surface to the other.
     mrms : float
         Root of the area-weighted mean squared distance, the larger of the two directions.
+    mrms_error : float
+        Standard error of `mrms`, as if the samples were drawn independently; they are spread over
+        the surface, and err by less.
     diagonal : float
         Diagonal of the first surface's bounding box, to which both are put in relation.
     """
 
     hausdorff: float
     mrms: float
+    mrms_error: float
     diagonal: float
 
 
@@ -84,11 +88,18 @@ def surface_distance(
     rng = np.random.default_rng(seed)
     there = _one_sided(A, F0, B, F1, samples, rng)
     back = _one_sided(B, F1, A, F0, samples, rng)
+    mrms, error = max(there[1:], back[1:])
     return SurfaceDistance(
         hausdorff=diagonal * max(there[0], back[0]),
-        mrms=diagonal * max(there[1], back[1]),
+        mrms=diagonal * mrms,
+        mrms_error=diagonal * error,
         diagonal=diagonal,
     )
+
+
+def default_samples(n_faces: int) -> int:
+    """Return how many points are spread over a surface of so many triangles."""
+    return max(10_000, n_faces)
 
 
 def hausdorff(V0: FloatArray, F0: IntArray, V1: FloatArray, F1: IntArray) -> float:
@@ -108,10 +119,14 @@ def _one_sided(
     G: IntArray,
     samples: int | None,
     rng: np.random.Generator,
-) -> tuple[float, float]:
-    """Measure the largest and the RMS distance from the surface (V, F) to (W, G)."""
-    n = max(10_000, len(F)) if samples is None else samples
+) -> tuple[float, float, float]:
+    """Measure the largest distance from the surface (V, F) to (W, G), the RMS, and its error."""
+    n = default_samples(len(F)) if samples is None else samples
     P = sample_surface(V, F, n, rng)
     corners = V[np.unique(F)]
     d = ClosestPoints(W, G).distances(np.concatenate([P, corners]))
-    return float(d.max()), float(np.sqrt(np.mean(d[: len(P)] ** 2)))
+    square = d[: len(P)] ** 2
+    rms = float(np.sqrt(np.mean(square)))
+    # The root of a mean m errs by the error of m over 2 sqrt(m).
+    error = float(np.std(square)) / np.sqrt(n) / (2.0 * rms) if rms > 0.0 else 0.0
+    return float(d.max()), rms, float(error)

@@ -170,7 +170,8 @@ def test_the_master_of_a_rest_pose_is_posed_like_the_copy(
         asked.append((Path(output).name, how["skel"], how["primvars"]))
         return writer(original, output, **how)
 
-    monkeypatch.setattr("meshmark.embedding.file.writer", noted)
+    for module in ("file", "outputs"):
+        monkeypatch.setattr(f"meshmark.embedding.{module}.writer", noted)
     source, master = bent_tube(tmp_path / "a.usda"), tmp_path / "master.usda"
     with pytest.raises(CapacityError):
         mark_file(source, tmp_path / "o.usda", KEY, skel=skel, primvars=primvars, master=master)

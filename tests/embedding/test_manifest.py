@@ -143,7 +143,9 @@ def test_a_manifest_that_is_no_file_is_not_read(source, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("old", [True, False], ids=["over an old pair", "into an empty place"])
-@pytest.mark.parametrize("step", ["write", "read_back", "gather", "describe_marks", "write_json"])
+@pytest.mark.parametrize(
+    "step", ["write", "read_back", "verify_written", "describe_marks", "write_json"]
+)
 def test_a_run_that_fails_leaves_the_old_pair_or_says_so(
     source, tmp_path, monkeypatch, step, old
 ) -> None:

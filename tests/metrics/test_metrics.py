@@ -56,6 +56,17 @@ def test_tilted_plane_has_the_mean_square_of_its_heights():
     assert result.mrms == pytest.approx(h / math.sqrt(3), rel=5e-3)
 
 
+def test_the_error_of_the_mean_square_covers_how_samples_scatter():
+    V, F = plane(4)
+    W = V.copy()
+    W[:, 2] = 1e-3 * V[:, 0] ** 2
+    found = [surface_distance(V, F, W, F, samples=200, seed=seed) for seed in range(40)]
+    scatter = np.std([each.mrms for each in found])
+    assert 0.0 < scatter < np.mean([each.mrms_error for each in found])
+    # Samples that are spread over the surface scatter less than those drawn independently.
+    assert found[0].mrms_error < 0.1 * found[0].mrms
+
+
 def test_concentric_spheres_are_the_difference_of_radii_apart():
     V, F = sphere(6000)
     W, G = sphere(4000)
@@ -204,6 +215,8 @@ def test_distortion_gathers_the_measures_over_frames():
             "mrms": mean,
             "hausdorff_rel": mean / diagonal,
             "mrms_rel": mean / diagonal,
+            "mrms_rel_error": 0.0,
+            "compared_frames": 3,
             "flipped_faces": 0.0,
             "min_angle_change": 0.0,
             "normal_turn": 0.0,
@@ -217,9 +230,14 @@ def test_distortion_gathers_the_measures_over_frames():
         abs=1e-7,
     )
     assert distortion(before, after, [0]).hausdorff == pytest.approx(0.1)
-    assert distortion(before, after, [0, 2]).flicker == pytest.approx(
-        math.sqrt(0.09 / ((0.01 + 0.16) / 2))
-    )
+    some = distortion(before, after, [0, 2])
+    assert some.mrms_rel == pytest.approx(0.25 / diagonal)
+    # Two of three frames, whose values have the variance 0.045.
+    assert some.mrms_rel_error == pytest.approx(math.sqrt(0.045 / 2 / 3) / diagonal)
+    assert math.isnan(distortion(before, after, [1]).mrms_rel_error)
+    # These are of all frames: neighbours are neighbours.
+    assert some.flicker == pytest.approx(flickering)
+    assert some.jitter == math.inf
     # Compared as text, because what is not a number does not equal itself.
     assert repr(pickle.loads(pickle.dumps(found))) == repr(found)
 
@@ -241,7 +259,8 @@ def test_other_connectivities_are_compared_as_surfaces_only():
     still = [MeshAnimation.from_arrays(*mesh) for mesh in ((V, F), (W + up(0.5), G))]
     found = distortion(*still)
     assert found.hausdorff == pytest.approx(0.5)
-    surface = {"hausdorff", "mrms", "hausdorff_rel", "mrms_rel"}
+    surface = {"hausdorff", "mrms", "hausdorff_rel", "mrms_rel", "mrms_rel_error"}
+    surface.add("compared_frames")
     others = {name: value for name, value in asdict(found).items() if name not in surface}
     assert len(others) == 8
     assert all(math.isnan(value) for value in others.values())

@@ -1,0 +1,148 @@
+"""What is checked of a file that was just written: frames spread over its animation, or all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from meshmark.detection.gathering import gather
+from meshmark.detection.verdict import Verdict, jointly
+from meshmark.detection.verify import judge_all, verify_informed
+from meshmark.embedding.asset import MarkedAsset, MarkedMesh
+from meshmark.extension.recipe import Recipe, mrms_limit
+from meshmark.keys import Key
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.metrics import Distortion, distortion
+from meshmark.metrics.surface_distance import default_samples
+from meshmark.workers.progress import MeshProgress
+
+# Frames of each mesh that are checked, and points of each surface that distances are taken at.
+FRAMES, SAMPLES = 12, 20_000
+# The limit to the distortion is in doubt if it is no more standard errors away than this.
+DOUBT = 3.0
+# The false positive rate that what was written is verified at.
+TARGET_FPR = 1e-6
+
+
+def checked_frames(mesh: MarkedMesh, check_all: bool) -> tuple[int, ...]:
+    """Choose the marked frames of a mesh that are checked; all where its connectivity changes."""
+    frames = mesh.frames
+    if check_all or len(frames) <= FRAMES or not mesh.original.constant_topology:
+        return frames
+    places = np.linspace(0, len(frames) - 1, FRAMES).round().astype(np.int64)
+    return tuple(frames[place] for place in places.tolist())
+
+
+def measure_distortion(
+    mesh: MarkedMesh,
+    shown: MeshAnimation,
+    coordinates: dict[str, Any],
+    layers: Sequence[Recipe],
+    *,
+    check_all: bool,
+    jobs: int,
+) -> Distortion:
+    """Measure how far a mesh was moved, in the frames that are checked.
+
+    In all frames, and at more points, if those leave it in doubt whether the limit is kept.
+
+    Parameters
+    ----------
+    mesh : MarkedMesh
+    shown : MeshAnimation
+        As it was written.
+    coordinates : dict
+        Texture coordinates, as `distortion` takes them.
+    layers : sequence of Recipe
+        What it was marked by.
+    check_all : bool
+        Whether to compare all frames in any case.
+    jobs : int
+        Worker processes.
+    """
+    marked, limit = mesh.frames, mrms_limit(layers)
+    pair = mesh.original.select(marked), shown.select(marked)
+    some = [marked.index(frame) for frame in checked_frames(mesh, check_all)]
+    if len(some) < len(marked):
+        samples = min(SAMPLES, default_samples(len(pair[0][0].faces)))
+        found = distortion(*pair, some, samples=samples, **coordinates, jobs=jobs)
+        if limit is None or found.mrms_rel + DOUBT * found.mrms_rel_error <= limit:
+            return found
+    return distortion(*pair, **coordinates, jobs=jobs)
+
+
+def told_of_limit(found: Distortion, layers: Sequence[Recipe]) -> list[str]:
+    """Say so if a mesh was moved farther than all layers together may."""
+    limit = mrms_limit(layers)
+    if limit is None or found.mrms_rel <= limit:
+        return []
+    return [f"MRMS {found.mrms_rel:.2e} of the diagonal is beyond the limit of {limit:.2e}"]
+
+
+def verify_written(
+    written: Asset,
+    marked: MarkedAsset,
+    key: Key,
+    layers: Sequence[Recipe],
+    *,
+    recipient: str | None,
+    check_all: bool,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> Verdict:
+    """Verify what was written just now: nobody smoothed it, or joined anything to it.
+
+    Parameters
+    ----------
+    written : Asset
+        The marked meshes as they were written, in the same order.
+    marked : MarkedAsset
+        As they were marked; its original as it was read.
+    key, layers, recipient
+        What they were marked by.
+    check_all : bool
+        Whether to look at all frames.
+    jobs : int
+        Worker processes.
+    progress : callable, optional
+        Called with (prim, frames done, frames in all).
+    """
+    blind = [layer for layer in layers if not layer.informed]
+    informed = [layer for layer in layers if layer.informed]
+    names = [] if recipient is None else [recipient]
+    checked = replace(
+        written,
+        meshes=tuple(
+            shown.select(checked_frames(mesh, check_all))
+            for mesh, shown in zip(marked.meshes, written.meshes, strict=True)
+        ),
+    )
+    alone = beside = None
+    if blind:
+        evidence = gather(
+            checked, recipes=blind, restored=False, parts=False, jobs=jobs, progress=progress
+        )
+        alone = judge_all(evidence, key, recipients=names, fpr=TARGET_FPR)
+    if informed:
+        whole = replace(marked.original, meshes=tuple(mesh.original for mesh in marked.meshes))
+        beside = verify_informed(
+            checked,
+            key,
+            informed,
+            names,
+            original=whole,
+            master=marked.master if blind else None,
+            frames=None,
+            fpr=TARGET_FPR,
+            jobs=jobs,
+            progress=progress,
+        )
+    if alone is None or beside is None:
+        one = alone or beside
+        assert one is not None
+        return one
+    return jointly(alone, beside, TARGET_FPR)

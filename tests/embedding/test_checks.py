@@ -1,0 +1,72 @@
+"""What is checked of a written file: frames spread over it, and all where the limit is in doubt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.embedding.asset import MarkedMesh
+from meshmark.embedding.checks import (
+    FRAMES,
+    checked_frames,
+    measure_distortion,
+    told_of_limit,
+)
+from meshmark.embedding.mesh import Embedded
+from meshmark.extension.recipe import Recipe, default_layers, mrms_limit, within_mrms
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.testing.meshes import icosphere
+
+V, F = icosphere(2)
+DIAGONAL = 2.0 * np.sqrt(3.0)
+
+
+def swollen(shares: np.ndarray) -> MarkedMesh:
+    """A ball whose frames swell by shares of its diagonal; the first and the last hold no mark."""
+    still = MeshAnimation.from_arrays(np.stack([V] * (len(shares) + 2)), F)
+    radii = 1.0 + DIAGONAL * np.concatenate([[0.0], shares, [0.0]])
+    marked = MeshAnimation.from_arrays(radii[:, None, None] * V, F)
+    frames = tuple(range(1, len(shares) + 1))
+    return MarkedMesh(still, (Embedded(marked, frames, 1, "relief", informed=True),))
+
+
+def measured(mesh: MarkedMesh, layers: list[Recipe], *, check_all: bool = False):
+    return measure_distortion(mesh, mesh.animation, {}, layers, check_all=check_all, jobs=1)
+
+
+def test_frames_are_spread_over_the_marked_ones() -> None:
+    mesh = swollen(np.full(45, 1e-5))
+    some = checked_frames(mesh, check_all=False)
+    assert some == (1, 5, 9, 13, 17, 21, 25, 29, 33, 37, 41, 45)
+    assert len(some) == FRAMES
+    assert checked_frames(mesh, check_all=True) == tuple(range(1, 46))
+    assert checked_frames(swollen(np.full(5, 1e-5)), check_all=False) == (1, 2, 3, 4, 5)
+
+
+def test_few_frames_are_compared_unless_all_are_asked_for() -> None:
+    mesh = swollen(np.linspace(1e-5, 3e-5, 25))
+    [relief] = layers = [Recipe("relief")]
+    assert relief.parameter("max_mrms") > 4e-5
+    some, every = measured(mesh, layers), measured(mesh, layers, check_all=True)
+    assert (some.compared_frames, every.compared_frames) == (FRAMES, 25)
+    assert abs(some.mrms_rel - every.mrms_rel) <= some.mrms_rel_error
+    assert every.mrms_rel == pytest.approx(2e-5, rel=0.02)
+    assert some.flicker == every.flicker
+
+
+def test_all_frames_are_compared_if_the_limit_is_in_doubt() -> None:
+    # On average the frames keep to it, but less surely than three standard errors.
+    mesh = swollen(np.linspace(1e-5, 3e-5, 25))
+    [relief] = [Recipe("relief").with_parameter("max_mrms", 2.2e-5)]
+    found = measured(mesh, [relief])
+    assert found.compared_frames == 25
+    assert told_of_limit(found, [relief]) == []
+    strict = [relief.with_parameter("max_mrms", 1.5e-5)]
+    [told] = told_of_limit(measured(mesh, strict), strict)
+    assert "beyond the limit of 1.50e-05" in told
+
+
+def test_the_limit_is_that_of_all_layers_together() -> None:
+    layers = within_mrms(default_layers(), 3e-4)
+    assert mrms_limit(layers) == pytest.approx(3e-4)
+    assert mrms_limit([*layers, Recipe("tsai2014")]) is None
