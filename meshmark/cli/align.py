@@ -8,12 +8,14 @@ import typer
 
 from meshmark.cli.console import put_json, say
 from meshmark.cli.options import (
+    ClipOption,
+    FpsOption,
     FramesOption,
     JsonOption,
     TrustedOption,
     VariantOption,
-    parameters_of_copy,
     reader_parameters,
+    require_taken,
 )
 
 NOTHING_FITS = 4
@@ -25,18 +27,23 @@ def align(
         str, typer.Option("--original", metavar="SOURCE", help="What it may be a copy of.")
     ],
     frames: FramesOption = None,
+    clip: ClipOption = None,
+    fps: FpsOption = None,
     variant: VariantOption = [],  # noqa: B006 (typer makes a new list each time)
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Find where COPY lies on its original: mesh, pose, similarity; exit code 4 if nowhere."""
     from meshmark.commands.align import align_assets
+    from meshmark.sources.readers import parameters_for
     from meshmark.sources.reading import read
     from meshmark.workers.ordered_map import default_jobs
 
-    parameters = reader_parameters(variants=variant)
-    ours = read(original, parameters=parameters, isolated=not trusted)
-    theirs = read(copy, parameters=parameters_of_copy(copy, parameters), isolated=not trusted)
+    parameters = reader_parameters(clip, fps, variant)
+    require_taken(parameters, [copy, original])
+    own, of_copy = parameters_for(original, parameters), parameters_for(copy, parameters, copy=True)
+    ours = read(original, parameters=own, isolated=not trusted)
+    theirs = read(copy, parameters=of_copy, isolated=not trusted)
     document = align_assets(theirs, ours, frames=frames, jobs=default_jobs())
     if json:
         put_json(document)

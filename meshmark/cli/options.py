@@ -86,15 +86,15 @@ def reader_parameters(
     return {name: value for name, value in given.items() if value is not None}
 
 
-def parameters_of_copy(copy: str, parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return those of its original that the reader of a copy takes.
-
-    A copy need not have clips or variants; those that it has are selected.
-    """
+def require_taken(parameters: dict[str, Any], sources: Sequence[str]) -> None:
+    """Refuse parameters that the reader of no source takes."""
+    from meshmark.errors import UsageError
     from meshmark.sources.readers import takes
 
-    taken = {name: value for name, value in parameters.items() if takes(copy, {name: value})}
-    return {**taken, "strict": False} if "variants" in taken else taken
+    for name, value in parameters.items():
+        if not any(takes(source, {name: value}) for source in sources):
+            kind = "--variant is for USD" if name == "variants" else "--clip and --fps are for glTF"
+            raise UsageError(f"{kind} files")
 
 
 def load_key(path: Path) -> Key:

@@ -21,8 +21,8 @@ from meshmark.cli.options import (
     TrustedOption,
     VariantOption,
     load_key,
-    parameters_of_copy,
     reader_parameters,
+    require_taken,
 )
 from meshmark.errors import MeshmarkError
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
@@ -122,7 +122,7 @@ def verify(
     if master is not None and original is None:
         raise UsageError("--master needs --original")
     parameters = reader_parameters(clip, fps, variant)
-    _require_taken(parameters, [*sources, *([original] if original else [])], evidence)
+    require_taken(parameters, [*sources, *([original] if original else [])])
     request = Request(
         recipes=_recipes(scheme, segmenter, geodesic, settings),
         named=bool(scheme),
@@ -228,6 +228,7 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
                 request.evidence,
                 recipes=request.recipes,
                 frames=request.frames,
+                parameters=request.parameters,
                 authenticated=request.authenticated,
                 isolated=not request.trusted,
                 original=request.original,
@@ -258,29 +259,11 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
 
 def _read(source: str, request: Request, *, copy: bool = False) -> Asset:
     """Read a source; copies beside an original need not have its clips and variants."""
+    from meshmark.sources.readers import parameters_for
     from meshmark.sources.reading import read
 
-    parameters = parameters_of_copy(source, request.parameters)
-    if not copy:
-        parameters.pop("strict", None)
+    parameters = parameters_for(source, request.parameters, copy=copy)
     return read(source, parameters=parameters, isolated=not request.trusted)
-
-
-def _require_taken(
-    parameters: dict[str, Any], sources: Sequence[str], evidence: Path | None
-) -> None:
-    """Refuse what no source takes, or what would not be kept with evidence."""
-    from meshmark.errors import UsageError
-    from meshmark.sources.readers import takes
-
-    for name, value in parameters.items():
-        if not any(takes(source, {name: value}) for source in sources):
-            kind = "--variant is for USD" if name == "variants" else "--clip and --fps are for glTF"
-            raise UsageError(f"{kind} files")
-    if parameters and evidence is not None:
-        raise UsageError(
-            "--evidence keeps that of a source as it is: it takes no --clip, --fps or --variant"
-        )
 
 
 def _master(original: Asset, secret: Key, request: Request, tell: MeshProgress) -> Any:
@@ -326,13 +309,15 @@ def _tell_of_manifest(source: str) -> None:
 
 def _tell_prim(prim: PrimVerdict, whose: bool) -> None:
     errors = prim.finding.errors
+    # Where nothing was tried there are no bits.
+    known = f", BER avg {errors.average:.4f} max {errors.maximum:.4f}"
+    told = known if errors.average == errors.average else ""
     names = " + ".join((prim.prim, *prim.also[:1], *(["..."] if len(prim.also) > 1 else [])))
     part = f" ({prim.part})" if prim.part else ""
     copy = f", copy of {_names_of(prim.recipients)}" if whose and prim.recipients else ""
     say(
         f"  {names}{part}: {prim.verdict} by {prim.scheme}{copy}, log10 p {prim.log10_p:.2f}, "
-        f"{prim.chips} chips in {len(prim.times)} frames, "
-        f"BER avg {errors.average:.4f} max {errors.maximum:.4f}"
+        f"{prim.chips} chips in {len(prim.times)} frames{told}"
     )
     if prim.informed is not None:
         facts = prim.informed.facts

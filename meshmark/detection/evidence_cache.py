@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save_evidence
 from meshmark.detection.gathering import AssetEvidence, gather
@@ -15,6 +16,7 @@ from meshmark.extension.recipe import Recipe, all_schemes
 from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import file_hashes, source_digests
 from meshmark.sources.facts import source_files
+from meshmark.sources.readers import parameters_for
 from meshmark.sources.reading import read
 from meshmark.workers.progress import MeshProgress
 
@@ -25,6 +27,7 @@ def kept_evidence(
     *,
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
     authenticated: bool = True,
     isolated: bool = False,
     original: str | None = None,
@@ -45,6 +48,8 @@ def kept_evidence(
         ones only count with an original.
     frames : str, optional
         Range A:B[:S] of time codes; all by default, and for "auto".
+    parameters : mapping, optional
+        Of the readers of source, original and master: each gets those that it takes.
     authenticated : bool
         Whether the file must bear the seal of the local secret. Without, it must exist, and no
         verdict rests on it.
@@ -56,7 +61,7 @@ def kept_evidence(
     Raises
     ------
     UsageError
-        If the file holds evidence of another source, or of other schemes or frames.
+        If the file holds evidence of another source, or of other schemes, frames or parameters.
     InputError
         If the source or the file cannot be read, if the file is not authentic, or if the source
         changed while it was measured.
@@ -69,9 +74,14 @@ def kept_evidence(
         raise UsageError(f"scheme {tried[0].scheme} reads a copy beside its original only")
     # Of a source that was read apart all is read, and known to be what was hashed.
     states = [] if isolated else _states(source)
-    asset = read(source, isolated=isolated)
+    given = dict(parameters or {})
+
+    def read_with(name: str, *, copy: bool) -> Asset:
+        return read(name, parameters=parameters_for(name, given, copy=copy), isolated=isolated)
+
+    asset = read_with(source, copy=original is not None)
     names = [name for name in (original, master) if name is not None]
-    beside = [read(name, isolated=isolated) for name in names]
+    beside = [read_with(name, copy=name != original) for name in names]
     wanted = StoredEvidence(
         files=_digests(asset),
         original=tuple(pair for each in beside for pair in _digests(each)),
@@ -79,6 +89,7 @@ def kept_evidence(
         frames=None if frames in ("auto", ":") else frames,
         items=(),
         notes=(),
+        parameters=given,
     )
     if path.exists() or not authenticated:
         stored = load_evidence(path, authenticated=authenticated)
@@ -143,6 +154,12 @@ def _require_same(stored: StoredEvidence, wanted: StoredEvidence, source: str, p
         raise UsageError(
             f"{path} holds evidence of other schemes or parameters (schemes: {names}); give the "
             "same --scheme and --set, or another file",
+            source=source,
+        )
+    if dict(stored.parameters) != dict(wanted.parameters):
+        told = ", ".join(f"{name} {value}" for name, value in stored.parameters.items())
+        raise UsageError(
+            f"{path} holds evidence of another clip, frame rate or variant: {told or 'none given'}",
             source=source,
         )
     if stored.frames != wanted.frames:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import gzip
 import struct
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -67,6 +67,8 @@ class StoredEvidence:
         One for each mesh and scheme that could be measured.
     notes : tuple of str
         What was not measured, and why.
+    parameters : mapping
+        What readers were given, by name: texts, numbers and lists of texts.
     """
 
     files: tuple[tuple[str, str], ...]
@@ -75,6 +77,7 @@ class StoredEvidence:
     frames: str | None
     items: tuple[Evidence, ...]
     notes: tuple[str, ...]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 def save_evidence(stored: StoredEvidence, path: Path) -> None:
@@ -92,6 +95,7 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
         stored.frames,
         stored.notes,
         stored.items,
+        stored.parameters,
     ).encode()
     # No time of day: equal evidence gives equal bytes.
     with sealed(path, KIND) as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as stream:
@@ -154,7 +158,13 @@ def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
         if stream.read(1):
             raise ValueError("too long")
     return StoredEvidence(
-        header.files, header.original, header.recipes, header.frames, items, header.notes
+        header.files,
+        header.original,
+        header.recipes,
+        header.frames,
+        items,
+        header.notes,
+        header.parameters,
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NoReturn, TypeVar
 
@@ -80,6 +80,7 @@ class Header:
     frames: str | None
     notes: tuple[str, ...]
     items: tuple[ItemHeader, ...]
+    parameters: dict[str, Any]
 
     @property
     def n_bytes(self) -> int:
@@ -94,6 +95,7 @@ def header_text(
     frames: str | None,
     notes: Sequence[str],
     items: Sequence[Evidence],
+    parameters: Mapping[str, Any],
 ) -> str:
     """Return the header of an evidence file as JSON."""
     document = {
@@ -103,6 +105,7 @@ def header_text(
         "frames": frames,
         "notes": list(notes),
         "items": [_described(item) for item in items],
+        **({"parameters": dict(parameters)} if parameters else {}),
     }
     return json.dumps(document, allow_nan=False)
 
@@ -143,8 +146,11 @@ def parse_header(text: str) -> Header:
         document = json.loads(text, parse_constant=_refuse)
     except RecursionError:
         raise ValueError("nested too deeply") from None
-    files, original, recipes, frames, notes, items = _values(
-        document, "files", "original", "recipes", "frames", "notes", "items"
+    files, original, recipes, frames, notes, items, parameters = _values(
+        document,
+        *("files", "original", "recipes", "frames", "notes", "items"),
+        # Readers were given none, or the file is older.
+        parameters={},
     )
     known = _several(recipes, _recipe)
     header = Header(
@@ -154,11 +160,24 @@ def parse_header(text: str) -> Header:
         frames=None if frames is None else _text(frames),
         notes=_several(notes, _text),
         items=_several(items, _item),
+        parameters=_parameters(parameters),
     )
     schemes = {recipe["scheme"]["name"] for recipe in known}
     if not all(item.scheme in schemes for item in header.items):
         raise ValueError("scheme")
     return header
+
+
+def _parameters(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict) or len(value) > MANY:
+        raise ValueError("parameters")
+    return {_text(name): _parameter(each) for name, each in value.items()}
+
+
+def _parameter(value: Any) -> Any:
+    if isinstance(value, list):
+        return list(_several(value, _text))
+    return _text(value) if isinstance(value, str) else _number(value, -1e9, 1e9)
 
 
 def _item(value: Any) -> ItemHeader:

@@ -129,6 +129,21 @@ def takes(source: str, parameters: Mapping[str, Any]) -> bool:
     return parameters.keys() <= catalogue().find("reader", reader.name).record.parameters.keys()
 
 
+def parameters_for(
+    source: str, parameters: Mapping[str, Any], *, copy: bool = False
+) -> dict[str, Any]:
+    """Return those of some parameters that the reader of a source takes.
+
+    Parameters
+    ----------
+    copy : bool
+        Whether it is a copy of what they are for: that need not have such clips and variants.
+    """
+    taken = {name: value for name, value in parameters.items() if takes(source, {name: value})}
+    loose = copy and taken and takes(source, {"strict": False})
+    return {**taken, "strict": False} if loose else taken
+
+
 def open_source(
     source: str, prims: Sequence[str] = (), parameters: Mapping[str, Any] | None = None
 ) -> Asset:

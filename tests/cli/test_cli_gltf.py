@@ -65,10 +65,23 @@ def test_a_clip_is_marked_and_found_beside_the_original(run, tmp_path):
     code, _, told = run("verify", "out.usdc", *beside, "--key", "other", "--scheme", "relief")
     assert code == 1
     assert "out.usdc: not marked" in told
+    assert "nan" not in told
     # The source itself holds no mark.
     code, _, told = run("verify", "ball.glb", *MARK, *beside)
     assert code == 1
     assert "ball.glb: not marked" in told
+
+
+@pytest.mark.slow
+def test_a_copy_is_placed_on_a_clip_of_the_original(run):
+    """The copy has one clip, of another name: that is read."""
+    assert run(*ATTACK, "copy.glb")[0] == 0
+    chosen = ("--original", "ball.glb", "--clip", "Turn", "--fps", 8, "--trusted")
+    code, out, _ = run("align", "copy.glb", *chosen, "--json")
+    assert code == 0
+    [mesh] = json.loads(out)["meshes"]
+    assert [frame["time"] for frame in mesh["frames"]] == [0, 1, 2]
+    assert {frame["original_time"] for frame in mesh["frames"]} <= {0, 1, 2}
 
 
 @pytest.mark.slow
@@ -162,9 +175,11 @@ def test_a_stage_is_marked_into_a_new_file(run):
         (("inspect", "ball.glb", "--fps", "1e9"), "fps must lie between 0 and 1000"),
         (("inspect", "cube.usda", "--clip", "Turn"), "cube.usda: its reader takes no clip"),
         (("verify", "cube.usda", "--clip", "Turn", "--key", "k"), "are for glTF files"),
+        (("align", "cube.usda", "--original", "cube.usda", "--fps", "8"), "are for glTF files"),
+        (("align", "ball.glb", "--original", "ball.glb", "--clip", "Crawl"), "no clip 'Crawl'"),
         (
-            ("verify", "ball.glb", "--clip", "Turn", "--key", "k", "--evidence", "e"),
-            "--evidence keeps that of a source as it is",
+            ("verify", "ball.glb", "--clip", "Crawl", *MARK[:2], "--evidence", "e"),
+            "no clip 'Crawl'",
         ),
     ],
 )

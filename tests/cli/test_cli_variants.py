@@ -90,7 +90,6 @@ def test_other_commands_read_it(run):
         (("inspect", "ball.obj", "--trusted", *HIGH), "ball.obj: its reader takes no variants"),
         (("embed", "ball.gltf", "-o", "o.usdc", *MARK, *HIGH), "its reader takes no variants"),
         (("verify", "ball.gltf", *MARK, *HIGH), "--variant is for USD files"),
-        (("verify", "scene.usda", *MARK, *HIGH, "--evidence", "e"), "it takes no --clip, --fps or"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(run, arguments, wanted):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gltf_files import ball
 from meshmark.detection import evidence_cache
 from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.errors import InputError, UsageError
@@ -75,6 +76,22 @@ def test_evidence_of_a_file_that_stays_is_kept_and_is_its_own_only(source) -> No
     for authenticated in (True, False):
         with pytest.raises(UsageError, match="another file"):
             kept_evidence(str(source), evidence, recipes=RECIPES, authenticated=authenticated)
+
+
+def test_evidence_is_that_of_a_clip(tmp_path) -> None:
+    made = ball(3)
+    made.json["animations"][0]["name"] = "Bend"
+    made.json["animations"].append({"channels": [], "samplers": [], "name": "Turn"})
+    made.animate(0, "rotation", [0, 0.25], [[0, 0, 0, 1], [0, 0.5, 0, 0.9]])
+    source, evidence = str(made.save(tmp_path / "ball.glb")), tmp_path / "e"
+    turn = {"clip": "Turn", "fps": 8.0}
+    measured = kept_evidence(source, evidence, recipes=RECIPES, parameters=turn)
+    again = kept_evidence(source, evidence, recipes=RECIPES, parameters=turn)
+    assert measured.items[0].chips == again.items[0].chips > 0
+    np.testing.assert_array_equal(again.items[0].times, [0, 1, 2])
+    for other in (None, {"clip": "Bend", "fps": 8.0}):
+        with pytest.raises(UsageError, match=r"another clip, .*: clip Turn, fps 8\.0"):
+            kept_evidence(source, evidence, recipes=RECIPES, parameters=other)
 
 
 def test_evidence_of_others_is_never_measured(source) -> None:

@@ -10,7 +10,9 @@ import pytest
 from pxr import Sdf, Usd, UsdUtils
 
 from composed_stages import ARCS, CUBE, sets, variant, write
+from meshmark.embedding.file import mark_file
 from meshmark.errors import OutputError, UsageError
+from meshmark.keys import Key
 from meshmark.usd.delivery import write_flattened
 from meshmark.usd.reading import read_stage
 from meshmark.usd.variants import Choice, chosen, select
@@ -111,18 +113,34 @@ def test_a_deliverable_holds_the_variant_asked_for(tmp_path: Path) -> None:
     np.testing.assert_allclose(again[1].points, marked.meshes[0][1].points, rtol=0, atol=1e-5)
 
 
-def test_what_wins_over_every_variant_is_refused(tmp_path: Path) -> None:
-    """Of a class, the variants are stronger than those of its heirs."""
+def variants_of_a_class(path: Path) -> str:
+    """Write a stage in which they are stronger than those of the heir."""
     levels = variant("low", CUBE.mesh(CUBE.walk(scale=2.0))) + variant("high", CUBE.mesh())
     body = f"""
     class "_c" {sets("lod")} {{ variantSet "lod" = {{ {levels} }} }}
     def "a" ( inherits = </_c>
         variants = {{ string lod = "low" }} ) {{}}
     """
-    original = read_stage(write(tmp_path / "a.usda", body))
-    with pytest.raises(OutputError, match=r"/a/m: its shape depends on /a\{lod=low\}"):
+    return write(path, body)
+
+
+BEATEN = r"/a/m: its shape depends on /a\{lod=low\}"
+
+
+def test_what_wins_over_every_variant_is_refused(tmp_path: Path) -> None:
+    original = read_stage(variants_of_a_class(tmp_path / "a.usda"))
+    with pytest.raises(OutputError, match=BEATEN):
         write_override(original, moved(original), tmp_path / "o.usda")
     assert not (tmp_path / "o.usda").exists()
+
+
+def test_it_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("meshmark.embedding.file.embed", lambda *_, **__: pytest.fail("work"))
+    source = variants_of_a_class(tmp_path / "a.usda")
+    with pytest.raises(OutputError, match=BEATEN) as error:
+        mark_file(source, tmp_path / "o.usda", Key(bytes(32)))
+    assert error.value.exit_code == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usda"]
 
 
 def test_a_package_has_variants_too(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ RECORDS = [
         factory=_gltf,
         summary="glTF 2.0, .glb and .gltf: skins, morph targets, one animation clip",
         version="1",
-        parameters={"clip": "", "fps": 0.0, "uncompress": False},
+        parameters={"clip": "", "fps": 0.0, "uncompress": False, "strict": True},
     ),
 ]
 

@@ -107,20 +107,21 @@ class Document:
             raise first or InputError("holds no mesh of triangles")
         return placed, left_out
 
-    def clip(self, name: str, meshes: list[PlacedMesh]) -> Clip | None:
+    def clip(self, name: str, meshes: list[PlacedMesh], *, strict: bool = True) -> Clip | None:
         """Read the clip of a name, or the first; None where there is none at all.
 
         Raises
         ------
         UsageError
-            If there is no clip of that name.
+            If there must be a clip of that name, and is none.
         """
-        if name and name not in self._clip_names:
+        there = name != "" and name in self._clip_names
+        if name and strict and not there:
             known = ", ".join(f"{each[:40]!a}" for each in self._clip_names[:MOST_NAMED])
             raise UsageError(f"no clip {name!r}; there is {known or 'none'}")
         if not self._animations:
             return None
-        index = self._clip_names.index(name) if name else 0
+        index = self._clip_names.index(name) if there else 0
         n_weights = {mesh.node: len(mesh.weights) for mesh in meshes}
         return read_clip(
             self._animations[index],

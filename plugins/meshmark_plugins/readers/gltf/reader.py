@@ -57,6 +57,8 @@ class GltfReader:
         Time codes per second; by default as many as the densest keys of the file.
     uncompress : bool
         Write plain floats where the source is compressed, quantised or sparse.
+    strict : bool
+        Whether there must be such a clip; without, the first is read where there is none.
 
     Notes
     -----
@@ -66,6 +68,7 @@ class GltfReader:
     clip: str = ""
     fps: float = 0.0
     uncompress: bool = False
+    strict: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.fps <= FASTEST:
@@ -159,7 +162,7 @@ class GltfReader:
         path = Path(source)
         document = Document(read_container(path), path.parent)
         meshes, left_out = document.meshes()
-        clip = document.clip(self.clip, meshes)
+        clip = document.clip(self.clip, meshes, strict=self.strict)
         tracks = {mesh.prim: weights_row(clip, mesh.node) for mesh in meshes}
         told = {} if self.fps else _told(meshes, tracks)
         fps = self.fps or next((each.fps for each in told.values()), document.densest_rate())
