@@ -28,7 +28,10 @@ KINDS = tuple(WIDTHS)
 
 
 class Accessors:
-    """The accessors of a document; each array handed out is a copy of what it needs of a file.
+    """The accessors of a document.
+
+    Real numbers are handed out as copies. Integers, and numbers as they are stored, may be where
+    they stand in the file: whoever keeps them copies them, or keeps all of it.
 
     Parameters
     ----------
@@ -52,7 +55,7 @@ class Accessors:
 
     def values(self, index: int, width: int, *, stored: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return numbers as they are stored, (N, width); see `numbers`."""
-        return self._values(self.elements[index], width, None, stored).copy()
+        return self._values(self.elements[index], width, None, stored)
 
     def numbers(
         self,
@@ -99,7 +102,7 @@ class Accessors:
         values = self._values(accessor, width, count, stored)
         if values.dtype.kind != "u":
             accessor.fail("componentType", "is not of unsigned integers")
-        return values.copy()
+        return values
 
     def rows(self, index: int) -> list[Rows]:
         """Return where the numbers of an accessor stand: in its view, and where it is sparse."""
@@ -127,7 +130,7 @@ class Accessors:
         count: int | None = None,
         stored: NDArray[Any] | None = None,
     ) -> NDArray[Any]:
-        """Return numbers as they are stored, (N, width), perhaps where they stand."""
+        """Return numbers as they are stored, (N, width)."""
         claimed = accessor.integer("count", low=1)
         if count is not None and claimed != count:
             accessor.fail("count", f"is {claimed}, not {count}")

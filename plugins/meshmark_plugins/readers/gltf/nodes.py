@@ -29,8 +29,8 @@ class Hierarchy:
     children : sequence of sequence of int
     parents : list of int
         -1 for roots.
-    order : list of int
-        Nodes with parents before their children.
+    depths : list of int
+        How many nodes each hangs below.
     rest : tuple of arrays
         Translation (N, 3), rotation (N, 4) and scale (N, 3) relative to the parent; rotation is a
         quaternion x, y, z, w.
@@ -43,7 +43,7 @@ class Hierarchy:
     names: list[str]
     children: Sequence[Sequence[int]]
     parents: list[int]
-    order: list[int]
+    depths: list[int]
     rest: tuple[FloatArray, ...]
     matrices: Mapping[int, FloatArray]
     meshes: Mapping[int, int]
@@ -61,13 +61,13 @@ class Hierarchy:
         return tuple(found)
 
     def above(self, wanted: Iterable[int]) -> list[int]:
-        """List some nodes and all that they hang from, parents first."""
+        """List some nodes and all that they hang from, by their depths: parents first."""
         needed: set[int] = set()
         for node in wanted:
             while node >= 0 and node not in needed:
                 needed.add(node)
                 node = self.parents[node]
-        return [node for node in self.order if node in needed]
+        return sorted(needed, key=lambda node: (self.depths[node], node))
 
     def paths(self, wanted: Iterable[int]) -> dict[int, str]:
         """Spell a path for nodes: names from the root on, made unique among siblings."""
@@ -113,7 +113,7 @@ def read_nodes(root: Element) -> Hierarchy:
         names=names,
         children=children,
         parents=parents,
-        order=_in_order(children, parents),
+        depths=_depths(children, parents),
         rest=(
             nodes.numbers("translation", 3, (0.0, 0.0, 0.0)),
             nodes.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
@@ -143,20 +143,21 @@ def _valid(name: str) -> str:
     return f"_{name}" if name[:1].isdigit() else name
 
 
-def _in_order(children: Sequence[Sequence[int]], parents: Sequence[int]) -> list[int]:
-    order: list[int] = []
+def _depths(children: Sequence[Sequence[int]], parents: Sequence[int]) -> list[int]:
+    depths = [-1] * len(parents)
     level = [node for node, parent in enumerate(parents) if parent < 0]
     depth = 0
     while level:
-        depth += 1
-        if depth > DEEPEST:
+        if depth >= DEEPEST:
             raise InputError(f"nodes[{level[0]}] is more than {DEEPEST} nodes below its root")
-        order += level
+        for node in level:
+            depths[node] = depth
         level = [child for node in level for child in children[node]]
-    if len(order) < len(parents):
-        lost = min(set(range(len(parents))) - set(order))
+        depth += 1
+    if -1 in depths:
+        lost = depths.index(-1)
         raise InputError(f"nodes[{lost}] hangs from itself: its ancestors go in a circle")
-    return order
+    return depths
 
 
 def taken_apart(matrix: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -22,7 +22,7 @@ class Rig:
     parents : (R,) int
         Of each of its nodes, by their numbers in the rig; -1 for roots.
     levels : tuple of slice
-        Nodes below the roots: those below them, and so on.
+        Nodes of each depth, but for roots.
     rest : tuple of arrays
         Translation (R, 3), rotation (R, 4) and scale (R, 3) of each in its parent's space.
     fixed : mapping of int to (4, 4) float64
@@ -57,7 +57,8 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     """Collect what some nodes hang from, and how a clip moves it."""
     needed = hierarchy.above(wanted)
     place = {node: i for i, node in enumerate(needed)}
-    rest = tuple(part[needed] for part in hierarchy.rest)
+    numbers = np.array(needed)
+    rest = tuple(part[numbers] for part in hierarchy.rest)
     found: dict[tuple[int, Tracks], dict[int, int]] = {}
     for part, path in enumerate(WIDTHS):
         of_nodes = {} if clip is None else clip.tracks.get(path, {})
@@ -69,10 +70,9 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     for i in fixed.keys() & set().union(*found.values()):
         for values, value in zip(rest, taken_apart(fixed.pop(i)), strict=True):
             values[i] = value
-    parents = [place.get(hierarchy.parents[node], -1) for node in needed]
     return Rig(
-        parents=np.array(parents),
-        levels=_levels(parents),
+        parents=np.array([place.get(hierarchy.parents[node], -1) for node in needed]),
+        levels=_levels([hierarchy.depths[node] for node in needed]),
         rest=rest,
         fixed=fixed,
         tracks=tuple(
@@ -83,13 +83,10 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     )
 
 
-def _levels(parents: Sequence[int]) -> tuple[slice, ...]:
-    """Return where nodes begin and end that are equally far below roots, but for roots."""
-    depths: list[int] = []
-    for parent in parents:
-        depths.append(depths[parent] + 1 if parent >= 0 else 0)
-    begins = [i for i, (above, depth) in enumerate(pairwise([-1, *depths])) if depth > above]
-    return tuple(slice(*ends) for ends in pairwise([*begins[1:], len(parents)]))
+def _levels(depths: Sequence[int]) -> tuple[slice, ...]:
+    """Return where nodes of each depth but 0 begin and end."""
+    ends = [i for i, (depth, below) in enumerate(pairwise(depths), 1) if below > depth]
+    return tuple(slice(*each) for each in pairwise([*ends, len(depths)]))
 
 
 def weights_row(clip: Clip | None, node: int) -> Row | None:
