@@ -1,11 +1,14 @@
 """Compares reading glTF files with the least that it could take: JSON, and arrays from bytes.
 
-python benchmarks/gltf_reading.py FILE... prints a table. Each round measures both, one after the
-other, in CPU time; the ratio is the median over rounds.
+python benchmarks/gltf_reading.py FILE... prints two tables: how many times the least reading takes,
+alone and with all frames; and the same of its steps. Each round measures both, one after the other,
+in CPU time; ratios are medians over rounds.
 
 The least is: read the file, parse its JSON, decode what is compressed, and make an array of each
-accessor of vertices, faces and keys. Reading also checks all of it, and is done without asking for
-a frame.
+accessor of vertices, faces and keys. Reading also checks all of it, and frames are computed.
+
+With MALLOC_TRIM_THRESHOLD_ and MALLOC_MMAP_THRESHOLD_ at 1000000000, glibc keeps its memory.
+Otherwise what new pages cost may be most of the least.
 """
 
 from __future__ import annotations
@@ -18,15 +21,19 @@ import struct
 import time
 import tracemalloc
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from meshmark_plugins.readers.gltf.container import read_container
+from meshmark_plugins.readers.gltf.document import Document
 from meshmark_plugins.readers.gltf.reader import GltfReader
 
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+STEPS = ("file and JSON", "nodes", "meshes and skins", "clip", "frame rate", "the rest")
 MESHOPT = "EXT_meshopt_compression"
 DRACO = "KHR_draco_mesh_compression"
 
@@ -116,15 +123,44 @@ def _array(accessor: dict[str, Any], view: dict[str, Any], data: Any) -> Any:
     return np.ndarray((count, width), dtype, data, begin, (stride, dtype.itemsize))
 
 
-def ratio(path: Path, rounds: int) -> tuple[float, float]:
-    """Return milliseconds that reading takes, and by how much that is more than the least."""
+def ratios(path: Path, rounds: int) -> tuple[float, float]:
+    """Return how many times the least reading takes, and reading with all frames."""
     reader = GltfReader()
-    taken, ratios = [], []
+    alone, with_frames = [], []
     for _ in range(rounds):
-        ours, lowest = _cpu(lambda: reader.read(str(path))), _cpu(lambda: least(path))
-        taken.append(ours)
-        ratios.append(ours / lowest)
-    return 1e3 * statistics.median(taken), statistics.median(ratios)
+        lowest = _cpu(lambda: least(path))
+        alone.append(_cpu(lambda: reader.read(str(path))) / lowest)
+        with_frames.append(_cpu(lambda: _frames(reader, path), 1) / lowest)
+    return statistics.median(alone), statistics.median(with_frames)
+
+
+def _frames(reader: GltfReader, path: Path) -> None:
+    for mesh in reader.read(str(path)).meshes:
+        for _ in mesh:
+            pass
+
+
+def steps(path: Path, rounds: int) -> dict[str, float]:
+    """Return how many times the least each step of reading takes."""
+    reader = GltfReader()
+    taken: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        lowest, whole = _cpu(lambda: least(path)), _cpu(lambda: reader.read(str(path)))
+        clock = [time.process_time()]
+        container = read_container(path)
+        clock.append(time.process_time())
+        document = Document(container, path.parent)
+        clock.append(time.process_time())
+        meshes, _ = document.meshes()
+        clock.append(time.process_time())
+        document.clip("", meshes)
+        clock.append(time.process_time())
+        document.densest_rate()
+        clock.append(time.process_time())
+        each = [end - begin for begin, end in pairwise(clock)]
+        for name, value in zip(STEPS, [*each, whole - sum(each)], strict=True):
+            taken.setdefault(name, []).append(value / lowest)
+    return {name: statistics.median(values) for name, values in taken.items()}
 
 
 def _cpu(call: Callable[[], object], times: int = 5) -> float:
@@ -151,13 +187,22 @@ def main() -> None:
     parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--rounds", type=int, default=21)
     wanted = parser.parse_args()
-    print("| file | ms | over the least | MB, 1 frame | MB, all frames |")
+    print("| file | reading | and all frames | MB, 1 frame | MB, all frames |")
     print("|---|---|---|---|---|")
     for path in wanted.files:
-        ms, more = ratio(path, wanted.rounds)
+        alone, with_frames = ratios(path, wanted.rounds)
         n = max(map(len, GltfReader().read(str(path)).meshes))
         few, all_of_them = memory(path, 1), memory(path, n)
-        print(f"| `{path.name}` | {ms:.1f} | {more:.2f} | {few:.1f} | {all_of_them:.1f} ({n}) |")
+        print(
+            f"| `{path.name}` | {alone:.1f} | {with_frames:.0f} | {few:.1f} "
+            f"| {all_of_them:.1f} ({n}) |"
+        )
+    print()
+    print(f"| file | {' | '.join(STEPS)} |")
+    print(f"|---|{'---|' * len(STEPS)}")
+    for path in wanted.files:
+        values = steps(path, 5 * wanted.rounds).values()
+        print(f"| `{path.name}` | {' | '.join(f'{value:.2f}' for value in values)} |")
 
 
 if __name__ == "__main__":

@@ -242,13 +242,26 @@ class Elements(Sequence[Element]):
             return found
         return [each.indices(name, things) for each in self]
 
-    def numbers(self, name: str, n: int, default: tuple[float, ...]) -> FloatArray:
-        """Return a list of `n` finite numbers of each, (len, n) float64."""
-        found = self._members(name, default)
-        flat = _flat(found)
-        if flat is None or not set(map(len, found)) <= {n} or not _are_numbers(flat):
-            flat = list(chain.from_iterable(each.numbers(name, n, default) for each in self))
-        return np.array(flat, dtype=np.float64).reshape(-1, n)
+    def numbers(self, defaults: Mapping[str, tuple[float, ...]]) -> FloatArray:
+        """Return lists of finite numbers of each behind each other, (len, n) float64.
+
+        Parameters
+        ----------
+        defaults : mapping of str to tuple of float
+            The lists, and what they are where there are none.
+        """
+        columns = [self._members(name, default) for name, default in defaults.items()]
+        lists = list(chain.from_iterable(zip(*columns, strict=True)))
+        lengths = [len(default) for default in defaults.values()]
+        flat = _flat(lists)
+        if flat is None or [*map(len, lists)] != lengths * len(self) or not _are_numbers(flat):
+            flat = [
+                number
+                for each in self
+                for name, default in defaults.items()
+                for number in each.numbers(name, len(default), default)
+            ]
+        return np.array(flat, dtype=np.float64).reshape(len(self), sum(lengths))
 
     def objects(self, name: str) -> Elements:
         """Return an object of each; an empty one if there is no such member."""

@@ -16,6 +16,11 @@ from meshmark_plugins.readers.gltf.element import Element
 DEEPEST = 1000
 LONGEST_NAME = 80
 NOT_ALLOWED = re.compile(r"\W")
+AT_ORIGIN = {
+    "translation": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0, 1.0),
+    "scale": (1.0, 1.0, 1.0),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +36,8 @@ class Hierarchy:
         -1 for roots.
     depths : list of int
         How many nodes each hangs below.
-    rest : tuple of arrays
-        Translation (N, 3), rotation (N, 4) and scale (N, 3) relative to the parent; rotation is a
-        quaternion x, y, z, w.
+    rest : (N, 10) float64
+        Translation, rotation as a quaternion x, y, z, w, and scale, relative to the parent.
     matrices : mapping of int to (4, 4) float64
         Of nodes that have one, in place of the three.
     meshes, skins : mapping of int to int
@@ -44,7 +48,7 @@ class Hierarchy:
     children: Sequence[Sequence[int]]
     parents: list[int]
     depths: list[int]
-    rest: tuple[FloatArray, ...]
+    rest: FloatArray
     matrices: Mapping[int, FloatArray]
     meshes: Mapping[int, int]
     skins: Mapping[int, int]
@@ -114,11 +118,7 @@ def read_nodes(root: Element) -> Hierarchy:
         children=children,
         parents=parents,
         depths=_depths(children, parents),
-        rest=(
-            nodes.numbers("translation", 3, (0.0, 0.0, 0.0)),
-            nodes.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
-            nodes.numbers("scale", 3, (1.0, 1.0, 1.0)),
-        ),
+        rest=nodes.numbers(AT_ORIGIN),
         matrices={
             node: np.array(nodes[node].numbers("matrix", 16, ())).reshape(4, 4).T
             for node in nodes.having("matrix")
@@ -160,8 +160,8 @@ def _depths(children: Sequence[Sequence[int]], parents: Sequence[int]) -> list[i
     return depths
 
 
-def taken_apart(matrix: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return translation (3,), rotation (4,) and scale (3,) of a matrix (4, 4).
+def taken_apart(matrix: FloatArray) -> FloatArray:
+    """Return translation, rotation and scale, (10,), of a matrix (4, 4).
 
     It is taken apart as far as three parts can say what it says: without shear.
     """
@@ -169,7 +169,7 @@ def taken_apart(matrix: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
     if np.linalg.det(matrix[:3, :3]) < 0:
         scale[0] = -scale[0]
     axes = matrix[:3, :3] / np.where(scale == 0, 1.0, scale)
-    return matrix[:3, 3], _quaternion(axes), scale
+    return np.concatenate([matrix[:3, 3], _quaternion(axes), scale])
 
 
 def _quaternion(rotation: FloatArray) -> FloatArray:

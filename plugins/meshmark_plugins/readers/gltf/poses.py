@@ -9,8 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark_plugins.readers.gltf.clips import WEIGHTS, WIDTHS, Clip, Row, Tracks
+from meshmark_plugins.readers.gltf.clips import WEIGHTS, Clip, Row, Tracks
 from meshmark_plugins.readers.gltf.nodes import Hierarchy, taken_apart
+
+# Where in ten numbers of a node they stand.
+PARTS = {"translation": slice(0, 3), "rotation": slice(3, 7), "scale": slice(7, 10)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,29 +26,30 @@ class Rig:
         Of each of its nodes, by their numbers in the rig; -1 for roots.
     levels : tuple of slice
         Nodes of each depth, but for roots.
-    rest : tuple of arrays
-        Translation (R, 3), rotation (R, 4) and scale (R, 3) of each in its parent's space.
+    rest : (R, 10) float64
+        Translation, rotation and scale of each in its parent's space.
     fixed : mapping of int to (4, 4) float64
         Matrices of nodes that have one, and that no clip moves.
-    tracks : tuple of (int, (n,) int, Tracks, (n,) int)
-        How a clip moves them: the part, the nodes, and their values over time, by their rows.
+    tracks : tuple of (slice, (n,) int, Tracks, (n,) int)
+        How a clip moves them: which part of the ten numbers, the nodes, and their values over
+        time, by their rows.
     places : (n,) int
         Of the nodes that were asked for.
     """
 
     parents: IntArray
     levels: tuple[slice, ...]
-    rest: tuple[FloatArray, ...]
+    rest: FloatArray
     fixed: Mapping[int, FloatArray]
-    tracks: tuple[tuple[int, IntArray, Tracks, IntArray], ...]
+    tracks: tuple[tuple[slice, IntArray, Tracks, IntArray], ...]
     places: IntArray
 
     def worlds(self, time: float) -> FloatArray:
         """Return where the nodes asked for stand at a time in seconds, (n, 4, 4) float64."""
-        translation, rotation, scale = parts = tuple(part.copy() for part in self.rest)
+        parts = self.rest.copy()
         for part, nodes, tracks, rows in self.tracks:
-            parts[part][nodes] = tracks.at(time, rows)
-        worlds = local_matrices(translation, rotation, scale)
+            parts[nodes, part] = tracks.at(time, rows)
+        worlds = local_matrices(parts)
         for node, matrix in self.fixed.items():
             worlds[node] = matrix
         for level in self.levels:
@@ -57,27 +61,25 @@ def rig_of(hierarchy: Hierarchy, clip: Clip | None, wanted: Sequence[int]) -> Ri
     """Collect what some nodes hang from, and how a clip moves it."""
     needed = hierarchy.above(wanted)
     place = {node: i for i, node in enumerate(needed)}
-    numbers = np.array(needed)
-    rest = tuple(part[numbers] for part in hierarchy.rest)
-    found: dict[tuple[int, Tracks], dict[int, int]] = {}
-    for part, path in enumerate(WIDTHS):
+    rest = hierarchy.rest[needed]
+    found: dict[tuple[str, Tracks], dict[int, int]] = {}
+    for path in PARTS:
         of_nodes = {} if clip is None else clip.tracks.get(path, {})
         for i, node in enumerate(needed):
             if node in of_nodes:
                 tracks, row = of_nodes[node]
-                found.setdefault((part, tracks), {})[i] = row
+                found.setdefault((path, tracks), {})[i] = row
     fixed = {place[node]: hierarchy.matrices[node] for node in needed if node in hierarchy.matrices}
     for i in fixed.keys() & set().union(*found.values()):
-        for values, value in zip(rest, taken_apart(fixed.pop(i)), strict=True):
-            values[i] = value
+        rest[i] = taken_apart(fixed.pop(i))
     return Rig(
         parents=np.array([place.get(hierarchy.parents[node], -1) for node in needed]),
         levels=_levels([hierarchy.depths[node] for node in needed]),
         rest=rest,
         fixed=fixed,
         tracks=tuple(
-            (part, np.array(list(rows)), tracks, np.array(list(rows.values())))
-            for (part, tracks), rows in found.items()
+            (PARTS[path], np.array(list(rows)), tracks, np.array(list(rows.values())))
+            for (path, tracks), rows in found.items()
         ),
         places=np.array([place[node] for node in wanted]),
     )
@@ -94,11 +96,12 @@ def weights_row(clip: Clip | None, node: int) -> Row | None:
     return None if clip is None else clip.tracks.get(WEIGHTS, {}).get(node)
 
 
-def local_matrices(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the matrices (R, 4, 4) that scale, then rotate, then move.
+def local_matrices(parts: FloatArray) -> FloatArray:
+    """Return the matrices (R, 4, 4) that scale, then rotate, then move, of parts (R, 10).
 
     A quaternion (x, y, z, w) of any length but 0 stands for its rotation; 0 for none.
     """
+    translation, rotation, scale = (parts[:, part] for part in PARTS.values())
     square = np.einsum("ij,ij->i", rotation, rotation)
     s = np.divide(2.0, square, out=np.zeros_like(square), where=square != 0)
     # Products of two components: xx, xy and so on.
