@@ -60,6 +60,13 @@ def test_the_creature_is_inside(wheel: zipfile.ZipFile) -> None:
     assert wheel.read("meshmark/demo/creature.npz") == DATA.read_bytes()
 
 
+def test_templates_of_plugins_are_inside(wheel: zipfile.ZipFile) -> None:
+    templates = list((REPOSITORY / "meshmark" / "commands" / "plugin_templates").rglob("*.txt"))
+    assert len(templates) > 15
+    for path in templates:
+        assert wheel.read(path.relative_to(REPOSITORY).as_posix()) == path.read_bytes()
+
+
 def test_nothing_else_is_inside(wheel: zipfile.ZipFile) -> None:
     tops = {name.partition("/")[0] for name in wheel.namelist()}
     assert {top.partition("-")[0] for top in tops} == {"meshmark", "meshmark_plugins"}

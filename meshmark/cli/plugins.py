@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +12,7 @@ from meshmark.cli.options import JsonOption
 
 PLUGIN_FAILED = 5
 
-plugins = typer.Typer(help="List and check plugins.", no_args_is_help=True)
+plugins = typer.Typer(help="List, check and start plugins.", no_args_is_help=True)
 
 
 @plugins.command("list")
@@ -83,3 +84,21 @@ def check_plugin(
         raise typer.Exit(PLUGIN_FAILED)
     for offer in offers:
         say(f"{offer.kind} {name} {offer.record.version} of {offer.distribution}: works")
+
+
+@plugins.command("new")
+def start_plugin(
+    name: Annotated[str, typer.Argument(help="What users will type.", show_default=False)],
+    kind: Annotated[
+        str, typer.Option(metavar="segmenter|solver|reader|scheme|attack", help="What it will be.")
+    ],
+    folder: Annotated[
+        Path | None,
+        typer.Argument(help="A new folder; meshmark-NAME by default.", show_default=False),
+    ] = None,
+) -> None:
+    """Write a distribution with a plugin called NAME that works, and its tests, to start from."""
+    from meshmark.commands.new_plugin import new_plugin
+
+    place = new_plugin(name, kind, folder)
+    say(f"{place}: written; `pip install -e {place}`, then `meshmark plugins check {name}`")
