@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import os
 import re
 import secrets
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +28,10 @@ _TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * KEY_BYTES}}})\s*")
 # Whoever edits a key file may leave blanks in it, but no more than that.
 _MOST = 1 << 12  # bytes
 # HKDF-SHA256 yields at most 255 blocks of 32 bytes.
-_HKDF_LIMIT = 255 * 32
+_BLOCK = 32
+_HKDF_LIMIT = 255 * _BLOCK
+# What all labels begin with.
+_CONTEXT = "meshmark/1/"
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +75,7 @@ class Key:
         """Derive `n_bytes` pseudo-random bytes under a label."""
         if n_bytes > _HKDF_LIMIT:
             raise ValueError(f"at most {_HKDF_LIMIT} bytes can be derived under one label")
-        return HKDFExpand(hashes.SHA256(), n_bytes, f"meshmark/1/{label}".encode()).derive(
+        return HKDFExpand(hashes.SHA256(), n_bytes, f"{_CONTEXT}{label}".encode()).derive(
             self._extracted
         )
 
@@ -106,14 +110,32 @@ class Key:
     ) -> NDArray[np.int8]:
         """Derive the code words of many recipients, (n, n_words, n_chips); see `words`."""
         n_bytes = -(-n_chips // 8)
-        labels = (
-            f"word/{scheme}/{_whose(recipient)}/{m}"
-            for recipient in recipients
-            for m in range(n_words)
-        )
-        derived = b"".join(self.derive(label, n_bytes) for label in labels)
+        beginnings = (f"word/{scheme}/{_whose(recipient)}/" for recipient in recipients)
+        derived = b"".join(self._derive_numbered(beginnings, n_words, n_bytes))
         octets = np.frombuffer(derived, np.uint8).reshape(len(recipients), n_words, n_bytes)
         return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1
+
+    def _derive_numbered(self, labels: Iterable[str], n: int, n_bytes: int) -> Iterator[bytes]:
+        """Derive bytes under each of many labels with 0, 1, ... n - 1 behind it, as `derive` does.
+
+        Up to 32 bytes are the first block of HKDF, HMAC(key, label 1), and HMAC is a hash of a
+        hash, each after a block made from the key (RFC 2104). What labels begin with is hashed
+        once.
+        """
+        if n_bytes > _BLOCK:
+            yield from (self.derive(f"{label}{m}", n_bytes) for label in labels for m in range(n))
+            return
+        key = self._extracted.ljust(hashlib.sha256().block_size, b"\0")
+        inner, outer = (hashlib.sha256(bytes(b ^ pad for b in key)) for pad in (0x36, 0x5C))
+        ends = [b"%d\x01" % m for m in range(n)]
+        for label in labels:
+            begun = inner.copy()
+            begun.update(f"{_CONTEXT}{label}".encode())
+            for end in ends:
+                inside, outside = begun.copy(), outer.copy()
+                inside.update(end)
+                outside.update(inside.digest())
+                yield outside.digest()[:n_bytes]
 
     def generator(self, label: str) -> np.random.Generator:
         """Seed a numpy generator by the key, for choices that detection need not repeat."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pickle
 import stat
 
 import numpy as np
@@ -31,6 +32,23 @@ def test_words_of_many_are_those_of_each() -> None:
     names = [None, "acme", "Andr\u00e9", "2/acme"]
     each = [FIXED.words("a", 3, 13, name) for name in names]
     np.testing.assert_array_equal(FIXED.words_of("a", 3, 13, names), each)
+
+
+@pytest.mark.parametrize("n_chips", [1, 16, 256, 257])
+def test_words_are_bits_of_derived_bytes(n_chips) -> None:
+    names = [None, "acme", "Andr\u00e9", "2/acme"]
+    labels = ["owner", "recipient/4/acme", "recipient/5/Andr\u00e9", "recipient/6/2/acme"]
+    words = FIXED.words_of("a", 12, n_chips, names)
+    for word, label in zip(words, labels, strict=True):
+        for m in (0, 11):
+            octets = FIXED.derive(f"word/a/{label}/{m}", -(-n_chips // 8))
+            bits = np.unpackbits(np.frombuffer(octets, np.uint8), count=n_chips)
+            np.testing.assert_array_equal(word[m], 2 * bits.astype(int) - 1)
+
+
+def test_a_key_travels_to_other_processes_after_use() -> None:
+    FIXED.words("a", 3, 13, "acme")
+    assert pickle.loads(pickle.dumps(FIXED)) == FIXED
 
 
 def test_words_of_recipients_schemes_and_keys_differ() -> None:

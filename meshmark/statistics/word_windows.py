@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,6 +29,8 @@ SHIFT_PRIOR: FloatArray = np.array([0.45, 0.15, 0.12, 0.12, 0.08, 0.08])
 _IMPOSSIBLE = 1e6
 # Positions of which the median is taken at once: bounds memory.
 POSITIONS_AT_ONCE = 1 << 19
+# Rows whose assignments are summed up at once: their tables then fit into a processor's cache.
+ROWS_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +131,11 @@ class WordWindows:
         return np.full(self.prior.shape[:2], np.nan)
 
     @cached_property
-    def hypotheses_by_window(self) -> list[tuple[int, int, IntArray]]:
-        """Hypotheses that give a carrier the same window: carrier, first word, and hypotheses."""
+    def hypotheses_by_window(self) -> list[list[tuple[int, IntArray]]]:
+        """Of each carrier, first words and the hypotheses that give it a window from there."""
         return [
-            (c, int(first), np.flatnonzero(of_carrier == first))
-            for c, of_carrier in enumerate(self.first.T)
-            for first in np.unique(of_carrier)
+            [(int(first), np.flatnonzero(of_carrier == first)) for first in np.unique(of_carrier)]
+            for of_carrier in self.first.T
         ]
 
     def most_probable_words(self, n_words: int) -> tuple[IntArray, IntArray]:
@@ -159,8 +160,8 @@ class WordWindows:
         carriers, chosen = carriers[possible], chosen[possible]
         return carriers, chosen - first[carriers]
 
-    def scores(self, S: NDArray[Any], words: SignArray) -> NDArray[Any]:
-        """Sum each word of a carrier's window times its evidence, (C, R, W, n), in S's type.
+    def scores(self, S: NDArray[Any], words: SignArray) -> Iterator[NDArray[Any]]:
+        """Sum each word of a carrier's window times its evidence, in S's type.
 
         Parameters
         ----------
@@ -168,14 +169,20 @@ class WordWindows:
             Evidence.
         words : (n, M, K) int
             Words of n keys.
+
+        Yields
+        ------
+        (R, W, n) floating
+            Of one carrier after the other: all of them at once fit into no cache.
         """
-        R, C, K = S.shape
-        scores = np.empty((C, R, WINDOW_SIZE, len(words)), S.dtype)
+        R, _, K = S.shape
         signs = np.ascontiguousarray(words.transpose(2, 1, 0), S.dtype)
-        for c, first, hypotheses in self.hypotheses_by_window:
-            near = signs[:, first : first + WINDOW_SIZE].reshape(K, -1)
-            scores[c, hypotheses] = (S[hypotheses, c] @ near).reshape(-1, WINDOW_SIZE, len(words))
-        return scores
+        for c, windows in enumerate(self.hypotheses_by_window):
+            scores = np.empty((R, WINDOW_SIZE, len(words)), S.dtype)
+            for first, hypotheses in windows:
+                near = signs[:, first : first + WINDOW_SIZE].reshape(K, -1)
+                scores[hypotheses] = (S[hypotheses, c] @ near).reshape(-1, *scores.shape[1:])
+            yield scores
 
     def scores_under(self, S: FloatArray, words: SignArray, hypothesis: IntArray) -> FloatArray:
         """Sum as `scores` does, under some hypotheses (n, P) for each key, (n, P, C, W)."""
@@ -241,6 +248,14 @@ def assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatAr
     idle : (N, C) float64
         Factor of a carrier without a word.
     """
+    sums = [
+        _some_assignment_sums(first[some], x[some], idle[some])
+        for some in (slice(start, start + ROWS_AT_ONCE) for start in range(0, len(x), ROWS_AT_ONCE))
+    ]
+    return np.concatenate(sums) if sums else np.zeros(0)
+
+
+def _some_assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
     order = np.argsort(first, axis=-1, kind="stable")
     first = np.take_along_axis(first, order, axis=-1)
     x = np.take_along_axis(x, order[..., None], axis=-2)

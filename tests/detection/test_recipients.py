@@ -5,9 +5,11 @@ import os
 import numpy as np
 import pytest
 
+from meshmark.detection import significance
 from meshmark.detection.decision import decide
 from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.gathering import AssetEvidence
+from meshmark.detection.significance import judge_each, log10_p_of
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
@@ -117,3 +119,39 @@ def test_marks_of_older_forms_are_found_and_paid_for(marked) -> None:
     unpaid = decide("a", (item,), KEY, recipients=[marked])
     price = np.log10((1 + len(spellings([marked]))) / 2)
     assert verdict.log10_p == pytest.approx(unpaid.log10_p + price)
+
+
+@pytest.mark.parametrize("marked", [True, False])
+@pytest.mark.parametrize("n_frames", [1, 3])
+def test_many_names_are_judged_like_each_by_itself(monkeypatch, marked, n_frames) -> None:
+    rng = np.random.default_rng(7)
+    names = [None, *(f"recipient {n}" for n in range(150))]
+    words = KEY.words_of("apex", 24, 16, names)
+    soft = rng.uniform(-1.0, 1.0, size=(2, n_frames, 30, 5, 16))
+    where = WordPosterior(rng.uniform(0.0, 23.0, size=(30, 5)), np.full(5, 0.2))
+    where.position[4] = np.arange(3, 8)
+    if marked:
+        soft[0, :, 4] = 0.5 * soft[0, :, 4] + 0.5 * words[77, 3:8]
+    variants = tuple(
+        RestoredVariant.of(
+            each, np.full(30, -np.log(30.0)), n, np.log(0.5), posteriors=(where,) * n_frames
+        )
+        for n, each in enumerate(soft)
+    )
+    item = Evidence("/A", "apex", 24, np.arange(float(n_frames)), variants)
+    counted = []
+    exact = significance._pooled_log10_p
+
+    def noted(evidence, words, *bound):
+        counted.append(0 if bound else len(words))
+        return exact(evidence, words, *bound)
+
+    monkeypatch.setattr(significance, "_pooled_log10_p", noted)
+    found, best = log10_p_of(item, words), judge_each(item, KEY, names)[0]
+    assert (best.recipient == "recipient 76") == marked
+    assert max(counted) < len(names)
+    # The same without bounds: everybody is judged exactly.
+    monkeypatch.setattr(significance, "_together", exact)
+    np.testing.assert_allclose(found, log10_p_of(item, words), rtol=1e-12, atol=0)
+    same = judge_each(item, KEY, names)[0]
+    assert (same.recipient, same.log10_p) == (best.recipient, pytest.approx(best.log10_p, 1e-12))

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from meshmark.statistics import window_mean
-from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
+from meshmark.statistics.p_values import (
+    log10_p_words,
+    reachable_log10_p,
+    word_log_e_bounds,
+    word_log_e_means,
+)
 from meshmark.statistics.word_windows import (
     SHIFT_PRIOR,
     SHIFTS,
@@ -140,6 +145,22 @@ def test_hypotheses_told_apart_in_single_precision_are_the_right_ones(
     found = word_log_e_means(S, prior, words, where)
     monkeypatch.setattr(window_mean, "MAX_FLOAT32_CHIPS", 0)
     np.testing.assert_allclose(found, word_log_e_means(S, prior, words, where), rtol=0, atol=1e-10)
+
+
+def test_bounds_lie_above_the_means_and_near_them() -> None:
+    rng = np.random.default_rng(6)
+    words = rng.choice([-1, 1], size=(40, 24, 16))
+    S = rng.uniform(-1.0, 1.0, size=(60, 5, 16))
+    S[50] = words[0, 3:8]
+    position = rng.uniform(0.0, 23.0, size=(60, 5))
+    position[50] = np.arange(3, 8)
+    where = WordPosterior(position, rng.uniform(0.1, 0.9, size=5))
+    prior = np.log(rng.dirichlet(np.ones(60)))
+    means = word_log_e_means(S, prior, words, where)
+    bounds = word_log_e_bounds(S, prior, words, where)
+    assert np.all(bounds >= means - 1e-12)
+    assert np.all(bounds < means + 3.0)
+    assert means[0] > 20.0 > means[1:].max()
 
 
 def test_most_hypotheses_are_scored_in_single_precision_only(monkeypatch) -> None:
