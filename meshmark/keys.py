@@ -23,6 +23,7 @@ from meshmark.files.atomic import write_private
 from meshmark.files.reading import read_small
 
 KEY_BYTES = 32
+KEY_SUFFIX = ".key"
 _HEADER = "meshmark-key-1"
 _TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * KEY_BYTES}}})\s*")
 # Whoever edits a key file may leave blanks in it, but no more than that.
@@ -177,6 +178,22 @@ class Key:
                 "is not a meshmark key file; make one with `meshmark keygen`", source=path
             )
         return cls(bytes.fromhex(match.group(1)))
+
+
+def keys_in(folder: Path) -> dict[str, Key]:
+    """Read every key file of a folder, `*.key`, by key id.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be read, or one of the files is no key file.
+    """
+    try:
+        paths = sorted(path for path in folder.iterdir() if path.suffix == KEY_SUFFIX)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=folder) from None
+    keys = [Key.load(path) for path in paths]
+    return {key.id: key for key in keys}
 
 
 def _whose(recipient: str | None) -> str:

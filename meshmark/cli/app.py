@@ -12,6 +12,7 @@ from meshmark.cli.bench import bench
 from meshmark.cli.check import check
 from meshmark.cli.demo import demo
 from meshmark.cli.embed import embed
+from meshmark.cli.identify import identify
 from meshmark.cli.inspect import inspect
 from meshmark.cli.keygen import keygen
 from meshmark.cli.ledger import ledger
@@ -45,7 +46,19 @@ def _options(
     """Mark animated meshes, and find the mark again in a leaked copy."""
 
 
-for command in (keygen, inspect, embed, verify, align, check, attack, bench, segment, demo):
+for command in (
+    keygen,
+    inspect,
+    embed,
+    verify,
+    identify,
+    align,
+    check,
+    attack,
+    bench,
+    segment,
+    demo,
+):
     app.command()(command)
 app.add_typer(ledger, name="ledger")
 app.add_typer(plugins, name="plugins")

@@ -1,0 +1,129 @@
+"""`meshmark identify`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from meshmark.cli.console import complain, frame_progress, put_json, say, warn
+from meshmark.cli.ledger import LedgerOption, opened
+from meshmark.cli.options import JsonOption, TrustedOption
+from meshmark.errors import MeshmarkError
+
+if TYPE_CHECKING:
+    from meshmark.commands.identify import Candidate, Identification
+
+KEYS_VARIABLE = "MESHMARK_KEYS"
+MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
+# Candidates that are printed.
+MOST_SHOWN = 4
+
+
+def identify(
+    suspects: Annotated[
+        list[str],
+        typer.Argument(metavar="SUSPECT...", help="Copies to identify.", show_default=False),
+    ],
+    ledger: LedgerOption,
+    fpr: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Largest p that counts as marked.")
+    ] = 1e-6,
+    most: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Originals to lay each SUSPECT upon, those first it is most like."
+        ),
+    ] = 8,
+    everything: Annotated[
+        bool,
+        typer.Option("--all", help="Go on where an asset was found: SUSPECT may hold several."),
+    ] = False,
+    trusted: TrustedOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Say which asset of the ledger each SUSPECT is a copy of, which version, and whose copy."""
+    from meshmark.errors import UsageError
+
+    if not 0.0 < fpr < 1.0:
+        raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
+    folder = os.environ.get(KEYS_VARIABLE)
+    if not folder:
+        raise UsageError(f"{KEYS_VARIABLE} must name the folder of key files (*.key)")
+    kept = opened(ledger)
+    from meshmark.commands.identify import identify as identify_asset
+    from meshmark.keys import keys_in
+    from meshmark.ledger.origins import origins
+    from meshmark.sources.reading import read
+    from meshmark.workers.ordered_map import default_jobs
+
+    keys = keys_in(Path(folder))
+    known = origins(kept.entries())
+    found: list[Identification] = []
+    worst = 0
+    for suspect in suspects:
+        try:
+            with frame_progress() as progress:
+
+                def tell(prim: str, done: int, total: int) -> None:
+                    progress("identify", prim, done, total)
+
+                found.append(
+                    identify_asset(
+                        read(suspect, isolated=not trusted),
+                        known,
+                        keys,
+                        fpr=fpr,
+                        most=most,
+                        everything=everything,
+                        jobs=default_jobs(),
+                        progress=tell,
+                    )
+                )
+        except MeshmarkError as error:
+            complain(str(error))
+            worst = worst or error.exit_code
+            continue
+        _tell(found[-1])
+    if json:
+        put_json({"ledger": kept.name, "suspects": [each.as_json() for each in found]})
+    answers = {each.verdict for each in found}
+    code = NOT_MARKED if "not marked" in answers else MARKED
+    code = worst or code or (INCONCLUSIVE if "inconclusive" in answers else MARKED)
+    if code:
+        raise typer.Exit(code)
+
+
+def _tell(found: Identification) -> None:
+    said = found.as_json()
+    if said["asset"] is not None:
+        whose = f", copy of {said['recipient']}" if said["recipient"] else ""
+        what = f"{said['asset']} {said['version']}{whose}, by its {said['told_by']}"
+        if said["entries"]:
+            what += f", entry {', '.join(map(str, said['entries']))}"
+    elif found.verdict == "marked":
+        whose = f", copy of {said['recipient']}" if said["recipient"] else ""
+        what = f"by key {said['key_id']}{whose}; which asset is not known"
+    else:
+        what = f"{len(found.candidates)} candidates"
+    say(
+        f"{found.source}: {found.verdict}: {what}, log10 p {found.log10_p:.2f} "
+        f"for {found.hypotheses:,} keys and names tried"
+    )
+    for candidate in found.candidates[:MOST_SHOWN]:
+        say(f"  {_told(candidate)}")
+    for note in found.notes:
+        warn(note)
+
+
+def _told(candidate: Candidate) -> str:
+    origin, verdict = candidate.origin, candidate.verdict
+    said = f"{verdict.verdict}, log10 p {verdict.log10_p:.2f}"
+    if origin is None:
+        return f"alone, by key {candidate.key_id}: {said}"
+    said = f"beside {origin.asset} {origin.version}: {said}"
+    if candidate.informed is not None and candidate.informed.prims:
+        said += f", beside the original alone {candidate.informed.log10_p:.2f}"
+    return f"{said}; {candidate.why}" if candidate.why else said

@@ -1,0 +1,458 @@
+"""Which asset a suspect is a copy of, and whose copy, by all keys and names of a ledger.
+
+The suspect is measured alone, once. All keys and names are tried on that. Then it is laid upon
+the originals that it is most like, and what it says beside them is added. Every name is paid for
+beside every original it got a copy of, whether or not that original is looked at.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmark.alignment.likeness import signatures, unlikeness
+from meshmark.detection.evidence import Evidence
+from meshmark.detection.gathering import AssetEvidence, Survey
+from meshmark.detection.looks import Look
+from meshmark.detection.verdict import Answer, Named, Verdict, jointly
+from meshmark.detection.verify import judge_all, verify_informed
+from meshmark.embedding.asset import embed
+from meshmark.embedding.manifest import output_hashes
+from meshmark.errors import InputError, MeshmarkError
+from meshmark.extension.recipe import Recipe
+from meshmark.keys import Key
+from meshmark.ledger.chain import canonical
+from meshmark.ledger.origins import Origin
+from meshmark.mesh.asset import Asset
+from meshmark.sources.digests import source_digests
+from meshmark.sources.reading import read
+from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.progress import MeshProgress
+
+# Frames of a suspect that are measured alone: what `verify` looks at before it looks at all.
+LOOK = Look(12, True, 1.0)
+# Originals that a suspect is laid upon, unless more are asked for.
+MOST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What a suspect says of one origin, or alone of one key.
+
+    Parameters
+    ----------
+    key_id : str
+    verdict : Verdict
+        Corrected for all hypotheses.
+    origin : Origin or None
+        None where the suspect was looked at alone.
+    informed : Verdict or None
+        What it says beside the original alone, corrected like the verdict.
+    why : str
+        Why it was not laid upon the original; empty if it was.
+    """
+
+    key_id: str
+    verdict: Verdict
+    origin: Origin | None = None
+    informed: Verdict | None = None
+    why: str = ""
+
+    @property
+    def by_mark(self) -> bool:
+        """Whether the mark that is read beside the original tells that it is this one."""
+        return self.informed is not None and self.informed.verdict == "marked"
+
+    @property
+    def by_shape(self) -> bool:
+        """Whether the suspect lies on the original."""
+        return self.informed is not None and bool(self.informed.prims)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return its entry in `identify --json`."""
+        origin, verdict = self.origin, self.verdict
+        whose = verdict.recipient if verdict.verdict == "marked" else None
+        return {
+            "asset": None if origin is None else origin.asset,
+            "version": None if origin is None else origin.version,
+            "key_id": self.key_id,
+            "verdict": verdict.verdict,
+            "log10_p": verdict.log10_p,
+            "informed_log10_p": None if self.informed is None else self.informed.log10_p,
+            "recipients": [named.recipient for named in verdict.recipients],
+            "entries": [] if origin is None else origin.entries_for(whose),
+            "original": None if origin is None else str(origin.source),
+            "placed": self.by_shape,
+            "why": self.why,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The answer for one suspect.
+
+    Parameters
+    ----------
+    source : str
+    verdict : str
+        "marked", "not marked" or "inconclusive", as of `verify`.
+    candidates : tuple of Candidate
+        The best first.
+    hypotheses : int
+        Words that were paid for: of all keys and names, alone and beside every original.
+    notes : tuple of str
+    elapsed_s : float
+    """
+
+    source: str
+    verdict: Answer
+    candidates: tuple[Candidate, ...]
+    hypotheses: int
+    notes: tuple[str, ...]
+    elapsed_s: float
+
+    @property
+    def best(self) -> Candidate | None:
+        """The candidate that the answer rests on."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def log10_p(self) -> float:
+        """Bound on the probability of the best candidate by chance, corrected for all."""
+        return 0.0 if self.best is None else self.best.verdict.log10_p
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of this suspect in `identify --json`."""
+        best = self.best if self.verdict == "marked" else None
+        said = None if best is None else best.as_json()
+        return {
+            "source": self.source,
+            "verdict": self.verdict,
+            "log10_p": self.log10_p,
+            "hypotheses": self.hypotheses,
+            "asset": said and said["asset"],
+            "version": said and said["version"],
+            "told_by": _told_by(best),
+            "recipient": None if best is None else best.verdict.recipient,
+            "key_id": None if best is None else best.key_id,
+            "entries": said["entries"] if said else [],
+            "candidates": [each.as_json() for each in self.candidates],
+            "notes": list(self.notes),
+            "elapsed_s": round(self.elapsed_s, 3),
+        }
+
+
+@sharing_workers
+def identify(
+    suspect: Asset,
+    origins: Sequence[Origin],
+    keys: Mapping[str, Key],
+    *,
+    fpr: float = 1e-6,
+    most: int = MOST,
+    everything: bool = False,
+    jobs: int = 1,
+    progress: MeshProgress | None = None,
+) -> Identification:
+    """Say which asset, version and recipient of a ledger a suspect is a copy of.
+
+    Parameters
+    ----------
+    suspect : Asset
+    origins : sequence of Origin
+        All that the ledger knows.
+    keys : mapping of str to Key
+        By key id. Origins of other keys are left out, and told of.
+    fpr : float
+        Largest p that counts as marked.
+    most : int
+        Originals that the suspect is laid upon, those first that it is most like.
+    everything : bool
+        Go on where one was found: a suspect may hold several assets.
+
+    Raises
+    ------
+    InputError
+        If no frame of the suspect can be read.
+
+    Notes
+    -----
+    The rate is shared evenly among hypotheses, so that p of what is found is multiplied by their
+    number (union bound): one for the owner and one for each recipient, alone for each key and
+    beside each original. Which originals are looked at may then depend on anything.
+    """
+    start = time.perf_counter()
+    search = _Search(suspect, origins, keys, fpr, jobs, progress)
+    candidates = search.alone()
+    tried = found = 0
+    assets: set[str] = set()
+    for known in search.ranked(candidates):
+        # Another version of what was found may fit better.
+        if (found and not everything and known.origin.asset not in assets) or tried >= most:
+            continue
+        tried += 1
+        candidate = search.beside(known)
+        candidates.append(candidate)
+        if candidate.by_mark:
+            found += 1
+            assets.add(known.origin.asset)
+    left = len(search.readable) - tried
+    notes = [*search.notes]
+    if left and not found:
+        notes.append(f"{left} originals that it is less like were not looked at")
+    order = sorted(candidates, key=_rank)
+    return Identification(
+        source=suspect.source,
+        verdict=_answer(order, untried=left > 0 and not found),
+        candidates=tuple(order),
+        hypotheses=search.hypotheses,
+        notes=tuple(notes),
+        elapsed_s=time.perf_counter() - start,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """An origin of which the key is at hand, and its layers."""
+
+    origin: Origin
+    key: Key
+    blind: tuple[Recipe, ...]
+    informed: tuple[Recipe, ...]
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Tell what is read of it alone: origins of one key that share it are judged together."""
+        return (self.key.id, *map(_identity, self.blind))
+
+
+class _Search:
+    """One suspect, measured alone, and tried beside one origin after the other."""
+
+    def __init__(
+        self,
+        suspect: Asset,
+        origins: Sequence[Origin],
+        keys: Mapping[str, Key],
+        fpr: float,
+        jobs: int,
+        progress: MeshProgress | None,
+    ) -> None:
+        self._suspect, self._fpr, self._jobs, self._progress = suspect, fpr, jobs, progress
+        self.notes: list[str] = []
+        self._known: list[_Known] = []
+        lacking: dict[str, int] = {}
+        for origin in origins:
+            if origin.key_id not in keys:
+                lacking[origin.key_id] = lacking.get(origin.key_id, 0) + len(origin.copies)
+                continue
+            try:
+                self._known.append(_known(origin, keys[origin.key_id]))
+            except MeshmarkError as error:
+                self._note(f"{origin.asset} {origin.version}: {error.message}")
+        for key_id, n in lacking.items():
+            self._note(f"key {key_id} is missing: {n} copies were not looked for")
+        self._groups: dict[tuple[str, ...], list[_Known]] = {}
+        for known in self._known:
+            if known.blind:
+                self._groups.setdefault(known.alone, []).append(known)
+
+    @cached_property
+    def hypotheses(self) -> int:
+        """Number of words that are tried, or would be."""
+        alone = sum(1 + len(_names(group)) for group in self._groups.values())
+        return alone + sum(known.origin.hypotheses for known in self.readable)
+
+    @cached_property
+    def readable(self) -> list[_Known]:
+        """Those that something is read of beside the original."""
+        return [known for known in self._known if known.informed]
+
+    def alone(self) -> list[Candidate]:
+        """Try all keys and names on what the suspect says by itself."""
+        found = []
+        for group in self._groups.values():
+            names = _names(group)
+            verdict = self._paid(self._judged(group[0], names), 1 + len(names))
+            found.append(Candidate(group[0].key.id, verdict))
+        return found
+
+    def ranked(self, alone: Sequence[Candidate]) -> Iterator[_Known]:
+        """List origins in the order in which they are looked at.
+
+        First those of as many points and faces as the suspect's; of these, those whose key is in
+        it, and what it is most like.
+        """
+        owners = {each.key_id: each.verdict.log10_p for each in alone}
+        mine = {(m[0].topology.n_points, len(m[0].topology.counts)) for m in self._suspect.meshes}
+        same = [known for known in self.readable if mine & set(known.origin.meshes)]
+        others = [known for known in self.readable if known not in same]
+        for some in (same, others):
+            likeness = {id(known): self._unlikeness(known) for known in some if len(some) > 1}
+            yield from sorted(
+                some, key=lambda k: (owners.get(k.key.id, 0.0), likeness.get(id(k), 0.0))
+            )
+
+    def beside(self, known: _Known) -> Candidate:
+        """Lay the suspect upon an original, and add that to what it says alone."""
+        origin = known.origin
+        alone = self._judged(known, origin.names)
+        share = self._share(origin.hypotheses)
+        try:
+            original, master = self._original(known)
+            beside = verify_informed(
+                self._suspect,
+                known.key,
+                known.informed,
+                origin.names,
+                original=original,
+                master=master,
+                frames=None,
+                fpr=share,
+                jobs=self._jobs,
+                progress=self._progress,
+            )
+        except MeshmarkError as error:
+            # What was moved or changed since cannot be looked at; all else can.
+            paid = self._paid(alone, origin.hypotheses)
+            return Candidate(known.key.id, paid, origin, why=error.message)
+        both = jointly(alone, beside, share) if known.blind else beside
+        return Candidate(
+            known.key.id,
+            self._paid(both, origin.hypotheses),
+            origin,
+            self._paid(beside, origin.hypotheses),
+            why="" if beside.prims else "; ".join(beside.notes),
+        )
+
+    def _judged(self, known: _Known, names: Sequence[str]) -> Verdict:
+        """Try a key and names on what the suspect says alone."""
+        if not known.blind:
+            return Verdict.of_nothing(self._suspect.source)
+        items = [item for recipe in known.blind for item in self._evidence[_identity(recipe)]]
+        evidence = AssetEvidence(
+            self._suspect.source, tuple(items), len(known.blind), (), elapsed_s=0.0
+        )
+        share = self._share(1 + len(names))
+        return judge_all(evidence, known.key, recipients=names, fpr=share)
+
+    @cached_property
+    def _evidence(self) -> dict[str, list[Evidence]]:
+        """Measure the suspect alone, by every blind layer that any origin has."""
+        recipes = {_identity(recipe): recipe for known in self._known for recipe in known.blind}
+        found = {}
+        for name, recipe in recipes.items():
+            survey = Survey(
+                self._suspect,
+                recipes=[recipe],
+                frames=None,
+                jobs=self._jobs,
+                progress=self._progress,
+            )
+            found[name] = survey.evidence(survey.extractions([recipe]), LOOK, last=True)
+            for note in survey.notes():
+                self._note(note)
+        return found
+
+    def _share(self, hypotheses: int) -> float:
+        """Return the share of the rate that so many hypotheses have."""
+        return self._fpr * hypotheses / self.hypotheses
+
+    def _paid(self, verdict: Verdict, hypotheses: int) -> Verdict:
+        """Correct a verdict on some hypotheses for all of them."""
+        more = float(np.log10(self.hypotheses / hypotheses))
+
+        def paid(log10_p: float) -> float:
+            return min(0.0, log10_p + more)
+
+        named = tuple(
+            Named(each.recipient, paid(each.log10_p), each.times) for each in verdict.recipients
+        )
+        return replace(verdict, log10_p=paid(verdict.log10_p), recipients=named)
+
+    def _original(self, known: _Known) -> tuple[Asset, Any]:
+        """Read an original and its master, or what makes that again; both as they were."""
+        origin = known.origin
+        original = read(origin.source, parameters=origin.parameters or None, isolated=True)
+        if tuple(digest for _, digest in source_digests(original)) != origin.digests:
+            raise InputError("the original is not what was marked")
+        if origin.master is not None:
+            path = Path(origin.master["path"])
+            if output_hashes(path) == origin.master["files"]:
+                return original, read(path, isolated=True)
+        if not known.blind:
+            return original, None
+
+        def made() -> Asset:
+            return embed(original, known.key, recipe=known.blind, jobs=self._jobs).asset
+
+        return original, made
+
+    def _unlikeness(self, known: _Known) -> float:
+        """Compare the suspect with an original at a glance; infinite where that cannot be read."""
+        try:
+            original = read(known.origin.source, parameters=known.origin.parameters or None)
+            return unlikeness(self._signatures, signatures(original))
+        except MeshmarkError:
+            return np.inf
+
+    @cached_property
+    def _signatures(self) -> list[Any]:
+        return signatures(self._suspect)
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+def _known(origin: Origin, key: Key) -> _Known:
+    """Build the layers of an origin from what its manifest tells."""
+    segmenter, geodesic = origin.plugins["segmenter"], origin.plugins["geodesic"]
+    recipes = [
+        Recipe(
+            layer["name"],
+            segmenter["name"],
+            geodesic["name"],
+            {each["name"]: each["parameters"] for each in (layer, segmenter, geodesic)},
+        )
+        for layer in origin.layers
+    ]
+    return _Known(
+        origin,
+        key,
+        tuple(recipe for recipe in recipes if not recipe.informed),
+        tuple(recipe for recipe in recipes if recipe.informed),
+    )
+
+
+def _identity(recipe: Recipe) -> str:
+    return canonical(recipe.as_json())
+
+
+def _names(group: Sequence[_Known]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for known in group for name in known.origin.names))
+
+
+def _rank(candidate: Candidate) -> tuple[bool, bool, float]:
+    """Order candidates: whose mark was read beside the original, who lies on it, by p."""
+    marked = candidate.verdict.verdict == "marked"
+    return (not candidate.by_mark, not (marked and candidate.by_shape), candidate.verdict.log10_p)
+
+
+def _told_by(best: Candidate | None) -> str | None:
+    if best is None or best.origin is None or not best.by_shape:
+        return None
+    return "mark" if best.by_mark else "shape"
+
+
+def _answer(candidates: Sequence[Candidate], untried: bool) -> Answer:
+    answers = {each.verdict.verdict for each in candidates}
+    if "marked" in answers:
+        return "marked"
+    return "not marked" if "not marked" in answers and not untried else "inconclusive"
