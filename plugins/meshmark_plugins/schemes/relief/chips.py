@@ -9,6 +9,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark_plugins.schemes.relief.basis import Basis
+from meshmark_plugins.schemes.relief.noise import SmoothNoise
 
 # Most iterations of the solver, and the share of the residual at which it stops.
 ITERATIONS, TOLERANCE = 24, 1e-3
@@ -82,7 +83,37 @@ def soft_chips(basis: Basis, height: float, frames: Sequence[Heights]) -> FloatA
     f = basis.heights(_solve(basis, p.sum(axis=1), (p * r).sum(axis=1, keepdims=True))[:, 0])
     explained = np.average(f**2, weights=count.sum(axis=1))
     p = count / np.maximum(variance - explained, LEAST_NOISE**2)
-    parts = _solve(basis, p.sum(axis=1), p * r)
+    return _cut(_solve(basis, p.sum(axis=1), p * r))
+
+
+def soft_chips_in(
+    noise: SmoothNoise, basis: Basis, height: float, frames: Sequence[Heights]
+) -> FloatArray:
+    """Estimate chips from heights with smooth noise that is the same in all frames.
+
+    As `soft_chips`, with the mean r of the heights over all frames instead: noise that is the same
+    in all of them does not become less by more frames. w^ = (B' P B + 1)^-1 B' P r / A, with the
+    precision P of the noise. Heights that are not known are taken for 0.
+    """
+    r = np.stack([frame.value * frame.count for frame in frames], axis=1) / height
+    count = np.sum([frame.count for frame in frames], axis=0)
+    if not count.any():
+        return np.zeros((len(frames), basis.n_chips))
+    r /= np.where(count > 0.0, count, 1.0)[:, None]
+    mean = r.sum(axis=1)[count > 0.0]
+    median = np.median(mean)
+    variance = (MAD_TO_SIGMA * float(np.median(np.abs(mean - median)))) ** 2 - 1.0
+    variance = max(variance, LEAST_NOISE)
+
+    def apply(w: FloatArray) -> FloatArray:
+        return basis.adjoint(noise.precision(basis.heights(w))) / variance + w
+
+    right = basis.adjoint(noise.precision(r)) / variance
+    return _cut(_conjugate_gradients(apply, right, np.ones((basis.n_chips, 1))))
+
+
+def _cut(parts: FloatArray) -> FloatArray:
+    """Turn what each frame adds to estimates (K, T) into soft chips (T, K)."""
     rms = np.sqrt((parts**2).mean()) or 1.0
     return np.clip(parts.T / (CUT * rms), -1.0, 1.0)
 

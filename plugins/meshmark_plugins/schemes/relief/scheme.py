@@ -19,9 +19,10 @@ from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import surface_box
 from meshmark_plugins.schemes.relief.basis import Basis
 from meshmark_plugins.schemes.relief.blocks import Block, blocks
-from meshmark_plugins.schemes.relief.chips import Heights, soft_chips
+from meshmark_plugins.schemes.relief.chips import Heights, soft_chips, soft_chips_in
 from meshmark_plugins.schemes.relief.coincidence import log_fits
 from meshmark_plugins.schemes.relief.height import slope
+from meshmark_plugins.schemes.relief.noise import SmoothNoise
 from meshmark_plugins.schemes.relief.offsets import Offsets, mean_height, offsets, sampled
 from meshmark_plugins.schemes.relief.plan import ReliefPlan, plan_heights
 from meshmark_plugins.schemes.relief.residual import heights
@@ -73,6 +74,11 @@ class ReliefLayout:
         return np.arange(self.n_chips) % OWNER_EVERY == 0
 
     @cached_property
+    def noise(self) -> SmoothNoise:
+        """Noise as smooth as the largest patches."""
+        return SmoothNoise(self.basis.levels[0].smoother)
+
+    @cached_property
     def vertices(self) -> IntArray:
         """Vertices that are looked at one by one, (V,)."""
         return sampled(len(self.basis.levels[-1].label))
@@ -94,13 +100,14 @@ class Measured:
 
     Parameters
     ----------
-    heights : tuple of Heights
-        Above the reference, in each way that may suit what was done to the copy.
+    heights : tuple of tuple of Heights
+        Above the reference, in each way that may suit what was done to the copy: for each treatment
+        by closest points, and by identity where vertices are known.
     offsets : Offsets
         Of single vertices.
     """
 
-    heights: tuple[Heights, ...]
+    heights: tuple[tuple[Heights, ...], ...]
     offsets: Offsets
 
 
@@ -165,9 +172,8 @@ class Relief:
         """Measure the heights of a copy's frame, in each way that may suit what was done to it."""
         ways = (False,) if view.vertices is None else (False, True)
         found = tuple(
-            layout.flattened(heights(view, each, by_identity=by_identity))
+            tuple(layout.flattened(heights(view, each, by_identity=one)) for one in ways)
             for each in dict.fromkeys((NONE, treatment))
-            for by_identity in ways
         )
         return Measured(found, offsets(view))
 
@@ -175,12 +181,14 @@ class Relief:
         """Estimate the chips of all frames, in each way they were measured.
 
         The recipient's chips are read, the owner's, and all together, as they are in copies for
-        nobody.
+        nobody; beside noise that differs from vertex to vertex and from frame to frame, and beside
+        noise that is smooth and lasts.
         """
-        found = [
-            soft_chips(layout.basis, layout.height, way)
-            for way in zip(*(frame.heights for frame in measured), strict=True)
-        ]
+        found = []
+        for treated in zip(*(frame.heights for frame in measured), strict=True):
+            ways = list(zip(*treated, strict=True))
+            found += [soft_chips(layout.basis, layout.height, way) for way in ways]
+            found.append(soft_chips_in(layout.noise, layout.basis, layout.height, ways[-1]))
         owner = layout.owner
         parts = [np.where(part, S, 0.0) for S in found for part in (~owner, owner, True)]
         log_prior = np.log(np.tile(PRIORS, len(found)) / len(found))
