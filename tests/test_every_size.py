@@ -88,3 +88,13 @@ def test_a_copy_is_found_or_fits_in_several_places(subject, attack) -> None:
         assert found.log10_p <= TARGET
         other = verify(copy, Key(bytes(range(1, 33))), recipes=RELIEF, original=original)
         assert other.log10_p > -3.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_rest_that_fits_in_several_places_passes_for_unmarked(subject, seed) -> None:
+    name, original, marked = subject
+    if (name, "cropping") not in AMBIGUOUS:
+        pytest.skip("its rest fits in one place only")
+    copy = attack_asset(marked.asset, ATTACKS["cropping"], seed)
+    found = verify(copy, KEY, recipes=RELIEF, original=original)
+    assert found.verdict in ("marked", "inconclusive")

@@ -237,22 +237,25 @@ class Search:
     def _unambiguous(self, frame: CopyFrame, best: Fit, others: Sequence[Fit]) -> Fit:
         """Refuse what fits in several places alike; of a mirror image, take the shape itself."""
         some, original = frame.some(ROUGH), self._original
-        X = best.placement(some.points)
         own = np.minimum(self._rough_fit(some, best.placement).distances, NEAR)
+        # A body has one mirror image; what has several can be turned, too.
+        taken = [best.placement(some.points)]
         for other in others:
             # Worse than this before it has converged, it is no rival.
             if other.misfit > FITS + ALIKE * best.misfit:
                 continue
             refinement = self._refinement(some, ClosestAt(original), REACH)
             found = refinement.refine(other.placement, EXACT_ROUNDS, free_pose=False)
-            apart = np.linalg.norm(found(some.points) - X, axis=1).mean()
+            Y = found(some.points)
+            apart = [lengths(Y - X).mean() / original.diagonal for X in taken]
             theirs = np.minimum(self._rough_fit(some, found).distances, NEAR)
-            if apart < DIFFERENT * original.diagonal or not alike(own, theirs):
+            if min(apart) < DIFFERENT or not alike(own, theirs):
                 continue
-            if found.mirrors:
-                continue
-            if best.placement.mirrors:
+            if best.placement.mirrors and not found.mirrors:
                 return self._unambiguous(frame, self._exact(frame, found), others)
+            if found.mirrors and len(taken) == 1:
+                taken.append(Y)
+                continue
             raise AlignmentError(
                 "the copy fits in several places equally well, as symmetric shapes do",
                 source=self._meshes[0].origin,

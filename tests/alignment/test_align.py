@@ -21,7 +21,7 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import as_asset
-from meshmark.mesh.geometry import surface_box
+from meshmark.mesh.geometry import normalized, surface_box
 from meshmark.testing.meshes import bent_tube, icosphere
 
 
@@ -168,3 +168,17 @@ def test_a_remeshed_ball_may_lie_anyhow() -> None:
     ball, finer = (MeshAnimation.from_arrays(*icosphere(level)) for level in (2, 3))
     with pytest.raises(AlignmentError, match="several places"):
         align_mesh(finer, ball, [0])
+
+
+def test_a_rest_of_an_ellipsoid_may_lie_anyhow() -> None:
+    # It has three mirror planes: where two mirror images fit, turned copies do, too.
+    V, F = icosphere(2)
+    V = V * (1.0, 0.95, 0.9)
+    rng = np.random.default_rng(4)
+    n = normalized(rng.normal(size=(1, 3)))[0]
+    G = F[(V @ n > -0.4)[F].all(axis=1)]
+    rest, indices = np.unique(G, return_inverse=True)
+    P = V[rest] + rng.normal(0.0, 1e-4, (len(rest), 3))
+    copy = MeshAnimation.from_arrays(P, indices.reshape(G.shape))
+    with pytest.raises(AlignmentError, match="several places"):
+        align_mesh(copy, MeshAnimation.from_arrays(V, F), [0])
