@@ -185,7 +185,9 @@ def embed(
     document = manifest.document
     if json:
         put_json(document)
-    _tell(document, dry_run, every)
+    _tell(document, every)
+    done = "is there already, made of the same; left as it is" if manifest.kept else "written"
+    say("dry run: nothing was written" if dry_run else f"{document['output']}: {done}")
     if recorder is not None:
         recorder.tell()
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
@@ -237,7 +239,7 @@ def _remarks(remarks: Sequence[tuple[str, str]], every: bool) -> list[str]:
     return [f"{prim}: {text}" for prim, text in remarks] if every else by_text(remarks)
 
 
-def _tell(document: dict[str, Any], dry_run: bool, every: bool) -> None:
+def _tell(document: dict[str, Any], every: bool) -> None:
     missing = [
         (prim["prim"], f"no mark by {layer['scheme']}: {layer['reason']}")
         for prim in document["prims"]
@@ -259,7 +261,6 @@ def _tell(document: dict[str, Any], dry_run: bool, every: bool) -> None:
             if prim["verification"]
             else f"{prim['prim']}: nothing is found again"
         )
-    say("dry run: nothing was written" if dry_run else f"{document['output']}: written")
 
 
 def _told_of_variants(found: dict[str, Any]) -> str:

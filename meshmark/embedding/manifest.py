@@ -43,10 +43,13 @@ class Manifest:
         JSON values only, no times of day: the same run gives the same bytes.
     path : Path or None
         Where it was written; None after a dry run.
+    kept : bool
+        Whether it and its output were there already, and were left as they are.
     """
 
     document: dict[str, Any]
     path: Path | None = None
+    kept: bool = False
 
     def __getitem__(self, name: str) -> Any:
         return self.document[name]
@@ -127,7 +130,7 @@ def made_before(document: dict[str, Any], output: Path) -> Manifest | None:
     said = json.loads(json.dumps(document))
     if found is None or any(found.get(name) != value for name, value in said.items()):
         return None
-    return Manifest(found, manifest_path(output))
+    return Manifest(found, manifest_path(output), kept=True)
 
 
 def require_unmarked(source: Path, key_id: str) -> None:

@@ -108,9 +108,21 @@ def stage_files(source: str) -> list[Path]:
 def _opened(source: str, variants: Sequence[str]) -> OpenStage:
     with caught(source) as warnings:
         stage = Usd.Stage.Open(source)
+        reload_changed(stage)
         _require_time(stage, source)
         select(stage, map(Choice.parse, variants))
     return OpenStage(stage, tuple(warnings), StagePoints(stage), tuple(variants))
+
+
+def reload_changed(stage: Usd.Stage) -> None:
+    """Read layers again that changed on disk since somebody else in this process opened them.
+
+    pxr gives everybody the same layer of a file for as long as anybody holds it, as the program
+    may that publishes. What somebody is editing stays as it is.
+    """
+    for layer in stage.GetUsedLayers():
+        if not (layer.anonymous or layer.dirty):
+            layer.Reload()
 
 
 def _require_time(stage: Usd.Stage, source: str) -> None:

@@ -15,7 +15,7 @@ from pxr import Sdf, UsdUtils
 from meshmark.mesh.checks import check
 from meshmark.usd.opening import KEPT_OPEN, open_stage, stage_files
 from meshmark.usd.reading import read_stage
-from usd_stages import CUBE_INDICES, CUBE_POINTS, cube, read_one, sampled, write_text
+from usd_stages import CUBE_INDICES, CUBE_POINTS, array, cube, read_one, sampled, write_text
 
 
 def test_polygons_are_kept_and_fanned(tmp_path: Path) -> None:
@@ -31,6 +31,20 @@ def test_polygons_are_kept_and_fanned(tmp_path: Path) -> None:
     # Outward faces: by the divergence theorem the signed volume is that of the cube.
     a, b, c = (frame.points[frame.faces[:, k]] for k in range(3))
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(1.0)
+
+
+def test_what_changed_on_disk_is_read_again_whoever_holds_the_old(tmp_path: Path) -> None:
+    """A modelling program may still have a layer open that it, or another, has exported anew."""
+    source = write_text(tmp_path / "cube.usda", cube())
+    held = Sdf.Layer.FindOrOpen(source)
+    np.testing.assert_array_equal(read_one(source)[0].points, CUBE_POINTS)
+    write_text(tmp_path / "cube.usda", cube(points=f"point3f[] points = {array(CUBE_POINTS + 1)}"))
+    np.testing.assert_array_equal(read_one(source)[0].points, CUBE_POINTS + 1)
+    # What somebody is editing is theirs.
+    held.comment = "not saved"
+    write_text(tmp_path / "cube.usda", cube(points=f"point3f[] points = {array(CUBE_POINTS + 2)}"))
+    read_one(source)
+    assert held.comment == "not saved"
 
 
 def test_stage_metadata_is_on_the_asset(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import manifest_path, own_manifest
 from meshmark.errors import CapacityError, InputError, MeshmarkError, UsageError
 from meshmark.extension.recipe import Recipe
+from meshmark.files.places import assets_folder
 from meshmark.keys import Key
 from meshmark.mesh.asset import LeftOut
 from meshmark.recipients import recipient_name
@@ -191,6 +192,7 @@ def _marked(path: Path, document: dict[str, Any], waiver: str | None) -> Publish
         raise CapacityError(
             f"was marked, but verifies with log10 p {found['log10_p']:.2f} only", source=path
         )
+    assets = assets_folder(path)
     told = {
         "file": path.name,
         "marked": True,
@@ -198,6 +200,7 @@ def _marked(path: Path, document: dict[str, Any], waiver: str | None) -> Publish
         "recipient": document["recipient"],
         "log10_p": found["log10_p"],
         "unmarked": document["skipped"],
+        "assets": assets.name if assets.is_dir() else None,
         "waiver": waiver,
     }
     return Published(path, told, manifest_path(path))

@@ -114,6 +114,16 @@ def test_the_second_publish_of_the_same_does_no_work(studio, walk, monkeypatch) 
     studio.add(walk)
     assert studio.publish() == []
     assert (output.read_bytes(), output.stat().st_mtime_ns) == before
+    # Done again all the same, it is the same.
+    monkeypatch.undo()
+    monkeypatch.setattr(MarkMeshes, "options", QUICK)
+    monkeypatch.setattr(MarkMeshes, "key_file", str(studio.folder / "studio.key"))
+    output.unlink()
+    studio.context[:] = []
+    instance = studio.add(walk)
+    assert studio.publish() == []
+    assert output.read_bytes() == before[0]
+    assert instance.data["meshmark"][0]["assets"] is None
 
 
 def test_a_retry_with_what_was_marked_does_not_mark_it_again(studio, walk) -> None:
@@ -149,6 +159,23 @@ def test_a_newer_export_is_marked_anew(studio, walk) -> None:
     output = studio.published / "walk.marked.usdc"
     assert output.read_bytes() != before
     assert remark(output) is None
+
+
+def test_a_newer_export_that_fails_leaves_what_was_marked_before(studio, walk, monkeypatch) -> None:
+    studio.add(walk)
+    assert studio.publish() == []
+    output = walk.with_name("walk.marked.usdc")
+    before = output.read_bytes(), manifest_path(output).read_bytes()
+    walk.unlink()
+    shot(walk, seed=1)
+    shutil.rmtree(studio.published)
+    studio.published.mkdir()
+    monkeypatch.setattr("meshmark.embedding.file.embed", None)
+    studio.context[:] = []
+    studio.add(walk)
+    assert "not callable" in studio.publish()[0]
+    assert studio.there() == []
+    assert (output.read_bytes(), manifest_path(output).read_bytes()) == before
 
 
 def test_a_mesh_that_holds_no_mark_stops_before_anything_is_extracted(studio, tmp_path) -> None:
