@@ -240,4 +240,6 @@ def _told(entry: dict[str, Any]) -> str:
     if entry["kind"] == "timestamp":
         return f"time stamp on entries 1 to {entry['of']}, {entry['time']}"
     whose = f"for {entry['recipient']}" if entry["recipient"] else "for nobody by name"
+    if entry["kind"] == "waiver":
+        return f"{entry['asset']} {entry['version']} {whose}, unmarked: {entry['waiver']}"
     return f"{entry['asset']} {entry['version']} {whose}, key {entry['key_id']}: {entry['output']}"

@@ -1,4 +1,4 @@
-"""What the ledger records of a marked copy: the manifest, and where everything lies."""
+"""What the ledger records: of a marked copy, the manifest, and where all lies; and waived marks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from meshmark.errors import UsageError
 
-MARK = "mark"
+MARK, WAIVER = "mark", "waiver"
 # Characters of the name of an asset or version; hexadecimal digits of a version that has no name.
 LONGEST, DIGITS = 256, 12
 
@@ -52,6 +52,46 @@ def mark_of(
         "output": str(output.absolute()),
         "master": None if master is None else dict(master),
         "manifest": dict(manifest),
+    }
+
+
+def waiver_of(
+    source: Path,
+    files: list[dict[str, str]],
+    *,
+    waiver: str,
+    reason: str,
+    recipient: str | None = None,
+    asset: str | None = None,
+    version: str | None = None,
+) -> dict[str, Any]:
+    """Tell of what was published unmarked, as the ledger records it.
+
+    Parameters
+    ----------
+    source : Path
+        What was published, or is in a marked copy of it.
+    files : list of {"file", "sha256"}
+        Its files.
+    waiver, reason : str
+        Who allowed it, and why; and why it could not be marked.
+    recipient, asset, version : str, optional
+        As in `mark_of`.
+
+    Raises
+    ------
+    UsageError
+        If a name is empty, too long, or holds control characters.
+    """
+    return {
+        "kind": WAIVER,
+        "asset": asset_name(source.stem if asset is None else asset),
+        "version": asset_name(_digest(files) if version is None else version),
+        "recipient": recipient,
+        "key_id": None,
+        "source": {"path": str(source.absolute()), "files": files},
+        "waiver": waiver,
+        "reason": reason,
     }
 
 

@@ -11,9 +11,12 @@ from typing import Any
 
 from meshmark.keys import Key
 from meshmark_plugins.publish.marking import holds_meshes, mark, marked_before
+from meshmark_plugins.publish.recording import Recorder
 
 KEY_FILE = ""
 RECIPIENT: str | None = None
+# Where marks, and waived ones, are recorded; see docs/ledger.md.
+LEDGER = ""
 # What else `meshmark.mark_file` is to be told; and `schemes`, the names of the layers.
 OPTIONS: dict[str, Any] = {}
 # Patterns of paths, and who allows, and why, that what can hold no mark stays unmarked there.
@@ -53,6 +56,7 @@ def main(*_: Any, **export: Any) -> dict[str, Any] | None:
             recipient=RECIPIENT,
             waiver=waiver,
             options=OPTIONS,
+            recorder=Recorder.of(LEDGER, None, None),
         )
     except BaseException:
         aside.replace(path.with_name(f"{path.name}.unmarked"))

@@ -3,7 +3,8 @@
 Register both, or put a copy of this file into a folder of pyblish plugins. An instance may have
 
 - `meshmark_recipient`: whose copy it will be;
-- `meshmark_waiver`: who allows, and why, that what can hold no mark is published unmarked.
+- `meshmark_waiver`: who allows, and why, that what can hold no mark is published unmarked;
+- `meshmark_asset`, `meshmark_version`: what the ledger calls it.
 
 What became of its files is then in `meshmark`: for each, what `marking.Published` tells.
 """
@@ -17,6 +18,7 @@ import pyblish.api
 
 from meshmark.errors import CapacityError, InputError
 from meshmark_plugins.publish.marking import Published, holds_meshes, mark, require_capacity
+from meshmark_plugins.publish.recording import Recorder
 
 # Where integrators look for what they are to publish.
 PUBLISHED = ("representations", "representations_with_traits", "transfers", "hardlinks")
@@ -65,6 +67,8 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
     key_file = ""
     # Whose copies these are, where an instance does not say.
     recipient = ""
+    # Where marks, and waived ones, are recorded; see docs/ledger.md.
+    ledger = ""
     # Publish manifests, too, each as a representation of its own.
     manifests = True
 
@@ -112,6 +116,9 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             recipient=data.get("meshmark_recipient") or self.recipient or None,
             waiver=data.get("meshmark_waiver"),
             options=self.options,
+            recorder=Recorder.of(
+                self.ledger, data.get("meshmark_asset"), data.get("meshmark_version")
+            ),
         )
         self.log.info("%s", published.told)
         told.append(published.told)

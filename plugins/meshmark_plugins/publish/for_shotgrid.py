@@ -18,8 +18,10 @@ import sgtk
 
 from meshmark.errors import CapacityError, InputError
 from meshmark_plugins.publish.marking import holds_meshes, mark, require_capacity
+from meshmark_plugins.publish.recording import Recorder
 
-KEY_FILE, RECIPIENT, SCHEMES = "Meshmark Key File", "Meshmark Recipient", "Meshmark Schemes"
+KEY_FILE, RECIPIENT = "Meshmark Key File", "Meshmark Recipient"
+SCHEMES, LEDGER = "Meshmark Schemes", "Meshmark Ledger"
 
 HookBaseClass = sgtk.get_hook_baseclass()
 
@@ -41,6 +43,11 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
                 "type": "string",
                 "default": "",
                 "description": "Whose copies these are, where an item does not say.",
+            },
+            LEDGER: {
+                "type": "string",
+                "default": "",
+                "description": "Where marks, and waived ones, are recorded; nowhere if empty.",
             },
             SCHEMES: {
                 "type": "list",
@@ -80,6 +87,7 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
             recipient=recipient or None,
             waiver=item.properties.get("meshmark_waiver"),
             options={"schemes": settings[SCHEMES].value},
+            recorder=Recorder.of(settings[LEDGER].value, None, None),
         )
         item.properties["meshmark"] = published.told
         item.properties["path"] = str(published.path)

@@ -11,7 +11,7 @@ from meshmark.commands.inspect import why_not
 from meshmark.delivery.unmarked import require_allowed, require_extent, require_small, split_fit
 from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import manifest_path, own_manifest
-from meshmark.errors import CapacityError, InputError, MeshmarkError, UsageError
+from meshmark.errors import CapacityError, InputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.places import assets_folder
 from meshmark.keys import Key
@@ -19,6 +19,7 @@ from meshmark.mesh.asset import LeftOut
 from meshmark.recipients import recipient_name
 from meshmark.sources.reading import read
 from meshmark.usd.names import LAYER_SUFFIXES
+from meshmark_plugins.publish.recording import Recorder
 
 # Single files that hold meshes, and can be marked.
 MARKABLE = (*LAYER_SUFFIXES, ".glb", ".obj")
@@ -27,6 +28,8 @@ UNMARKABLE = (
     *(".usdz", ".gltf", ".abc", ".fbx", ".dae", ".ply", ".stl", ".bgeo", ".ma", ".mb", ".blend"),
     *(".max", ".hip", ".hiplc", ".c4d", ".ztl"),
 )
+
+NOTHING_RECORDED = Recorder(None, None, None)
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,7 @@ def mark(
     recipient: str | None = None,
     waiver: str | None = None,
     options: Mapping[str, Any] | None = None,
+    recorder: Recorder = NOTHING_RECORDED,
 ) -> Published:
     """Mark a file into another that can be published in its place.
 
@@ -111,6 +115,8 @@ def mark(
         Who allows, and why, that what can hold no mark is published unmarked.
     options : mapping, optional
         More of what `meshmark.mark_file` takes; and `schemes`, the names of the layers.
+    recorder : Recorder, optional
+        Of a ledger. What cannot be recorded is not published.
 
     Raises
     ------
@@ -133,13 +139,20 @@ def mark(
             recipe=recipe,
             recipient=recipient,
             deliver=_delivers(output),
+            record=lambda document: recorder.mark(document, output),
             **{"trusted": False, **more},
         )
     except (CapacityError, InputError) as error:
         if not waiver:
             raise
-        return _waived(source, error, waiver)
-    return _marked(output, manifest.document, waiver)
+        recorder.waiver(source, waiver, str(error), recipient)
+        told = {"file": source.name, "marked": False, "reason": str(error), "waiver": waiver}
+        return Published(source, told)
+    published = _marked(output, manifest.document, waiver)
+    if waiver and manifest["skipped"]:
+        unmarked = "; ".join(f"{each['prim']}: {each['reason']}" for each in manifest["skipped"])
+        recorder.waiver(source, waiver, unmarked, recipient)
+    return published
 
 
 def marked_before(
@@ -172,12 +185,6 @@ def _require_markable(path: Path) -> None:
             f"files of this kind cannot be marked; publish one of {', '.join(MARKABLE)} instead",
             source=path,
         )
-
-
-def _waived(source: Path, error: MeshmarkError, waiver: str) -> Published:
-    """Let an unmarked file pass. Whoever keeps a ledger is to write it down here."""
-    told = {"file": source.name, "marked": False, "reason": str(error), "waiver": waiver}
-    return Published(source, told)
 
 
 def _marked(path: Path, document: dict[str, Any], waiver: str | None) -> Published:

@@ -14,10 +14,12 @@ import pytest
 from shots import KEY, QUICK, ball, is_marked, key_file, shot, square, tiny, write
 
 import meshmark
+from command_line import command
 from meshmark.embedding.file import mark_file
-from meshmark.embedding.manifest import manifest_path, remark
+from meshmark.embedding.manifest import manifest_path, output_hashes, remark
 from meshmark.errors import WorkerError
 from meshmark.extension.recipe import Recipe
+from meshmark.ledger.store import Ledger, init
 from meshmark_plugins.publish import marking
 
 api = pytest.importorskip("pyblish.api", reason="pyblish-base is not installed")
@@ -211,6 +213,36 @@ def test_a_waiver_lets_it_pass_and_is_recorded(studio, tmp_path) -> None:
     assert not told["marked"]
     assert told["waiver"] == "a placeholder, says Kim"
     assert "cannot hold 64 bits" in told["reason"]
+
+
+def test_the_ledger_has_marks_and_waivers_once_each(
+    studio, walk, tmp_path, monkeypatch, capsys
+) -> None:
+    where = str(tmp_path / "studio.ledger")
+    init(where)
+    monkeypatch.setattr(MarkMeshes, "ledger", where)
+    for _ in range(2):
+        studio.context[:] = []
+        studio.add(walk, meshmark_recipient="acme", meshmark_asset="walk", meshmark_version="v2")
+        studio.add(tiny(tmp_path / "staging" / "prop.usdc"), meshmark_waiver="says Kim")
+        assert studio.publish() == []
+    mark, waiver = Ledger(where).entries()
+    assert (mark["kind"], mark["asset"], mark["version"]) == ("mark", "walk", "v2")
+    assert mark["recipient"] == "acme"
+    assert (waiver["kind"], waiver["asset"], waiver["waiver"]) == ("waiver", "prop", "says Kim")
+    assert "cannot hold 64 bits" in waiver["reason"]
+    assert waiver["source"]["files"] == output_hashes(tmp_path / "staging" / "prop.usdc")
+    capsys.readouterr()
+    assert command(monkeypatch, "ledger", "list", "--ledger", where) == 0
+    assert "for nobody by name, unmarked: says Kim" in capsys.readouterr().out
+
+
+def test_what_cannot_be_recorded_is_not_published(studio, walk, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(MarkMeshes, "ledger", str(tmp_path / "none.ledger"))
+    studio.add(walk)
+    studio.add(tiny(tmp_path / "staging" / "prop.usdc"), meshmark_waiver="says Kim")
+    assert len(studio.publish()) == 2
+    assert studio.there() == []
 
 
 @pytest.mark.parametrize("error", [WorkerError("a worker process died"), KeyError("a bug")])
