@@ -14,8 +14,10 @@ from meshmark.errors import OutputError, UsageError
 from meshmark.mesh.animation import InMemoryFrames
 from meshmark.sources.reading import read
 from meshmark.sources.writing import writer
+from meshmark.testing.meshes import icosphere
 from meshmark.testing.readers import ReaderSuite
 from meshmark_plugins.readers import RECORDS
+from meshmark_plugins.readers.gltf import writing
 from meshmark_plugins.readers.gltf.reader import GltfReader
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -72,6 +74,63 @@ def test_what_follows_from_one_position_at_rest_is_written_exactly(tmp_path):
     np.testing.assert_allclose(found.source.geometry.vertices.points, rest, atol=1e-6)
     for one, two in zip(marked, found, strict=True):
         np.testing.assert_allclose(one.points, two.points, atol=1e-6)
+
+
+def waving(V: np.ndarray) -> np.ndarray:
+    """Displacements to one side, by a wave."""
+    return 0.3 * np.sin(3 * V[:, :1]) * [0, 1, 0]
+
+
+def waving_ball() -> tuple[GltfFile, np.ndarray]:
+    """Build a ball with a morph target that comes and goes, whose vertices split along a seam."""
+    V, F = icosphere(3)
+    seam = V[F].mean(axis=1)[:, 2] > 0
+    F = np.where(seam[:, None], F + len(V), F)
+    V = np.concatenate([V, V])
+    made = GltfFile()
+    primitive = made.primitive(V, F)
+    primitive["targets"] = [{"POSITION": made.accessor(waving(V))}]
+    made.add("nodes", mesh=made.mesh(primitive, weights=[0.0]), name="ball")
+    made.animate(0, "weights", np.arange(3) / 24, [0, 1, 0.5])
+    return made, V
+
+
+def slide(made: GltfFile, V: np.ndarray, tmp_path) -> tuple[float, np.ndarray]:
+    """Slide all vertices about the ball; return how far off they are, and the written target."""
+    turn = np.array([[np.cos(0.1), np.sin(0.1), 0], [-np.sin(0.1), np.cos(0.1), 0], [0, 0, 1]])
+    X = V @ turn
+    planned = [X + w * waving(X) for w in (0.0, 1.0, 0.5)]
+    # The frame of what stands still has no time.
+    found = written(tmp_path, made, lambda f: f.moved(planned[int(np.nan_to_num(f.time))]))
+    [mesh, *_] = found.meshes
+    off = max(np.abs(frame.points - P).max() for frame, P in zip(mesh, planned, strict=True))
+    return off, mesh.source.geometry.vertices.targets[0]
+
+
+def test_morph_targets_follow_vertices_that_slide(tmp_path, monkeypatch):
+    made, V = waving_ball()
+    off, target = slide(made, V, tmp_path)
+    _, after = (chunks(tmp_path / name)[0] for name in ("plain.glb", "marked.glb"))
+    bounds = after["accessors"][after["meshes"][0]["primitives"][0]["targets"][0]["POSITION"]]
+    np.testing.assert_allclose(bounds["max"], target.max(axis=0), atol=1e-7)
+    monkeypatch.setattr(writing, "find_target_places", lambda *_: {})
+    kept, same = slide(made, V, tmp_path)
+    np.testing.assert_array_equal(same, waving(V).astype(np.float32))
+    # The ball's triangles are chords.
+    assert off < 0.2 * kept
+    # Vertices at the seam stay together.
+    half = len(V) // 2
+    np.testing.assert_array_equal(target[:half], target[half:])
+
+
+def test_morph_targets_of_several_meshes_stay(tmp_path):
+    made, V = waving_ball()
+    [first] = made.json["meshes"][0]["primitives"]
+    other = made.primitive(V, None)
+    other |= {"indices": first["indices"], "targets": first["targets"]}
+    made.add("nodes", mesh=made.mesh(other), name="other")
+    _, target = slide(made, V, tmp_path)
+    np.testing.assert_array_equal(target, waving(V).astype(np.float32))
 
 
 def test_frames_that_do_not_agree_are_met_in_the_mean(tmp_path):

@@ -60,12 +60,15 @@ class Geometry:
         Number of primitives of points or lines.
     positions : tuple of (int, int)
         Accessors that hold the points, and the point that each one's begin with.
+    targets : tuple of tuple of (int or None)
+        Of each of these, the accessors of its morph targets; None for one that moves none of them.
     """
 
     vertices: Vertices
     topology: Topology
     passed_over: int
     positions: tuple[tuple[int, int], ...]
+    targets: tuple[tuple[int | None, ...], ...]
 
 
 class Meshes:
@@ -107,6 +110,7 @@ class Meshes:
         shared: dict[str, tuple[int, Vertices]] = {}
         parts: list[tuple[int, Topology]] = []
         positions: list[tuple[int, int]] = []
+        targets: list[tuple[int | None, ...]] = []
         n_points = 0
         for primitive in solid:
             packed = self._unpacked(primitive)
@@ -114,6 +118,7 @@ class Meshes:
             if key not in shared:
                 shared[key] = n_points, self._vertices(primitive, packed)
                 positions.append((_position_of(primitive), n_points))
+                targets.append(_targets_of(primitive))
                 n_points += len(shared[key][1].points)
             offset, vertices = shared[key]
             parts.append((offset, self._topology(primitive, packed, len(vertices.points))))
@@ -125,6 +130,7 @@ class Meshes:
             _one_topology(parts, n_points),
             passed_over=len(primitives) - len(solid),
             positions=tuple(positions),
+            targets=tuple(targets),
         )
 
     def _unpacked(self, primitive: Element) -> DracoMesh | None:
@@ -193,6 +199,12 @@ class Meshes:
 def _position_of(primitive: Element) -> int:
     """Return the accessor of a primitive's points."""
     return primitive.object("attributes").integer(POSITION)
+
+
+def _targets_of(primitive: Element) -> tuple[int | None, ...]:
+    """Return the accessors of a primitive's morph targets."""
+    targets = primitive.objects("targets")
+    return tuple(each.integer(POSITION) if POSITION in each else None for each in targets)
 
 
 def _mode(primitive: Element) -> int:

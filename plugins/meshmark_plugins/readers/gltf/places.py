@@ -106,6 +106,34 @@ def find_places(container: Container, folder: Path) -> dict[int, Place]:
     return places
 
 
+def find_target_places(container: Container, folder: Path) -> dict[int, Place]:
+    """Find those morph targets of a file that can be replaced, by their accessors.
+
+    Each must be of one mesh and of the same positions there, and in bytes that are nothing else's.
+    """
+    root = container.root
+    buffers = Buffers(container, folder)
+    finder = _Finder(root, buffers, Accessors(root, buffers))
+    users: dict[int, set[tuple[int, int]]] = {}
+    for number, mesh in enumerate(root.objects("meshes")):
+        for primitive in mesh.objects("primitives"):
+            positions = _index(primitive, root)
+            users.setdefault(positions, set()).add((-1, positions))
+            for target in primitive.objects("targets"):
+                if POSITION in target:
+                    index = target.index(POSITION, root.objects("accessors"))
+                    users.setdefault(index, set()).add((number, positions))
+    found = {}
+    for index, each in users.items():
+        # What cannot be replaced stays.
+        with suppress(UsageError, InputError):
+            if len(each) == 1 and min(each)[0] >= 0:
+                place = finder.place(index)
+                finder.require_apart({index: place})
+                found[index] = place
+    return found
+
+
 @dataclass(frozen=True)
 class _Finder:
     root: Element

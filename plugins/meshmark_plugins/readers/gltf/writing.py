@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from meshmark.errors import UsageError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark_plugins.readers.gltf.container import Container
 from meshmark_plugins.readers.gltf.draft import Draft
+from meshmark_plugins.readers.gltf.following import followed
 from meshmark_plugins.readers.gltf.frames import GltfFrames
+from meshmark_plugins.readers.gltf.geometry import Geometry
 from meshmark_plugins.readers.gltf.output import write_document
-from meshmark_plugins.readers.gltf.places import find_places
+from meshmark_plugins.readers.gltf.places import Place, find_places, find_target_places
 
 # Share of a sum of squares below which a direction does not show in any frame.
 UNSEEN = 1e-12
@@ -29,7 +32,8 @@ def write_marked(
 
     A file has one position at rest for each vertex, and all frames follow from it. Written is the
     one whose frames deviate least from the marked ones, in the mean square. Where several nodes
-    use a mesh, all of them count.
+    use a mesh, all of them count. Morph targets of vertices that slid become those of their new
+    places, where they can be replaced, and if the frames come nearer then.
 
     Parameters
     ----------
@@ -49,28 +53,80 @@ def write_marked(
     """
     places = find_places(container, source.parent)
     draft = Draft(container, source.parent)
-    for accessor, move in _moves(meshes).items():
+    fit = _fit(meshes)
+    if any(plain.geometry.vertices.targets for plain, _ in meshes):
+        targets = find_target_places(container, source.parent)
+        places |= targets
+        fit = min(fit, _fit_followed(meshes, fit.moves, targets), key=lambda each: each.off)
+    for accessor, move in (fit.moves | fit.changes).items():
         draft.root["accessors"][accessor] |= places[accessor].move(draft, move, output)
     write_document(container, draft.root, draft.data(), source.parent, output)
 
 
-def _moves(meshes: Sequence[MarkedFrames]) -> dict[int, FloatArray]:
-    """Return how far each position is to move, (N, 3) of each accessor."""
+@dataclass(frozen=True)
+class _Fit:
+    """Positions whose frames come nearest to marked ones.
+
+    Parameters
+    ----------
+    moves, changes : dict of int to (n, 3) float64
+        How far the positions, and the morph targets, of accessors move.
+    off : float
+        How far the frames still are from the marked ones: the sum of squares.
+    """
+
+    moves: dict[int, FloatArray]
+    off: float
+    changes: dict[int, FloatArray] = field(default_factory=dict)
+
+
+def _fit_followed(
+    meshes: Sequence[MarkedFrames], moves: dict[int, FloatArray], targets: Mapping[int, Place]
+) -> _Fit:
+    """Let morph targets follow positions that move, and fit these anew."""
+    geometries = {id(plain.geometry): plain.geometry for plain, _ in meshes}
+    after = {key: followed(each, moves, targets) for key, each in geometries.items()}
+    fit = _fit(meshes, {key: each.geometry for key, each in after.items()})
+    changes = {key: each for one in after.values() for key, each in one.changes.items()}
+    return replace(fit, changes=changes)
+
+
+def _fit(meshes: Sequence[MarkedFrames], others: Mapping[int, Geometry] | None = None) -> _Fit:
+    """Fit the positions of each accessor.
+
+    Parameters
+    ----------
+    others : mapping of int to Geometry, optional
+        What geometries, by their identity, have become.
+    """
     sums: dict[int, tuple[FloatArray, FloatArray]] = {}
+    off = 0.0
     for plain, marked in meshes:
-        AtA, Atd = _normal_equations(plain, marked)
+        geometry = plain.geometry if others is None else others[id(plain.geometry)]
+        AtA, Atd, squares = _normal_equations(plain, marked, geometry)
+        off += squares
         begins = [begin for _, begin in plain.geometry.positions]
         ends = [*begins[1:], len(Atd)]
         for (accessor, begin), end in zip(plain.geometry.positions, ends, strict=True):
             before = sums.get(accessor, (0.0, 0.0))
             sums[accessor] = before[0] + AtA[begin:end], before[1] + Atd[begin:end]
-    return {accessor: _solved(*both) for accessor, both in sums.items()}
+    moves = {accessor: _solved(*both) for accessor, both in sums.items()}
+    for accessor, (AtA, Atd) in sums.items():
+        move = moves[accessor]
+        # |A m - d|^2, without the frames.
+        off += float(np.sum(move * (np.einsum("nij,nj->ni", AtA, move) - 2 * Atd)))
+    return _Fit(moves, off)
 
 
-def _normal_equations(plain: GltfFrames, marked: MeshAnimation) -> tuple[FloatArray, FloatArray]:
-    """Sum up, over the frames that were marked, what a least squares fit needs."""
+def _normal_equations(
+    plain: GltfFrames, marked: MeshAnimation, geometry: Geometry
+) -> tuple[FloatArray, FloatArray, float]:
+    """Sum up, over the frames that were marked, what a least squares fit of a geometry needs.
+
+    These are A^T A (N, 3, 3), A^T d (N, 3) and |d|^2, for moves d of frames.
+    """
     n = plain.geometry.topology.n_points
-    AtA, Atd = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    AtA, Atd, squares = np.zeros((n, 3, 3)), np.zeros((n, 3)), 0.0
     # NaN, the time of what does not move, is not equal to itself; its name is.
     known = {repr(float(code)): index for index, code in enumerate(plain.timeline.codes)}
     for frame in marked:
@@ -81,13 +137,17 @@ def _normal_equations(plain: GltfFrames, marked: MeshAnimation) -> tuple[FloatAr
                 source=plain.source,
                 prim=plain.prim,
             )
-        moved = frame.points - plain.frame(index).points
+        before = plain.frame(index).points
         # Frames that stayed as they are say nothing about where the others went.
-        if moved.any():
+        if np.any(frame.points != before):
+            if geometry is not plain.geometry:
+                before = replace(plain, geometry=geometry).frame(index).points
+            moved = frame.points - before
             At = plain.derivative(index).transpose(0, 2, 1)
             AtA += At @ At.transpose(0, 2, 1)
             Atd += (At @ moved[:, :, None])[:, :, 0]
-    return AtA, Atd
+            squares += float(np.sum(moved**2))
+    return AtA, Atd, squares
 
 
 def _solved(AtA: FloatArray, Atd: FloatArray) -> FloatArray:
