@@ -205,7 +205,9 @@ def identify(
     left = len(search.readable) - tried
     notes = [*search.notes]
     if left and not found:
-        notes.append(f"{left} originals that it is less like were not looked at")
+        notes.append(
+            f"{left} originals that it is less like were not looked at; --most N looks at more"
+        )
     order = sorted(candidates, key=_rank)
     return Identification(
         source=suspect.source,

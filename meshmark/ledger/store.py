@@ -184,8 +184,10 @@ class Ledger:
 
     @contextmanager
     def _appending(self) -> Iterator[Connection]:
-        with self._database.writing(lock=entries.name) as connection:
-            _require_newest(connection, self.name)
+        with self._database.writing(lock=head.name) as connection:
+            # Whatever is asked here, all other writers wait for.
+            if (found := _version(connection)) != REVISION:
+                raise _of_another(found, self.name)
             yield connection
 
     def _append(self, connection: Connection, content: Mapping[str, Any]) -> Appended:
@@ -259,8 +261,10 @@ def _revisions() -> list[str]:
 
 
 def _revision(connection: Connection) -> str | None:
-    if not inspect(connection).has_table(VERSION_TABLE):
-        return None
+    return _version(connection) if inspect(connection).has_table(VERSION_TABLE) else None
+
+
+def _version(connection: Connection) -> str | None:
     found = connection.execute(text(f"SELECT version_num FROM {VERSION_TABLE}")).scalar()
     return None if found is None else str(found)
 
@@ -273,7 +277,7 @@ def _require_newest(connection: Connection, name: str) -> None:
         raise _of_another(found, name)
 
 
-def _of_another(found: str, name: str) -> InputError:
+def _of_another(found: str | None, name: str) -> InputError:
     if found in _revisions():
         return InputError(
             f"has the older schema {found}; `meshmark ledger init` brings it to {REVISION}",

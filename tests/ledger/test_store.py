@@ -320,6 +320,34 @@ def test_a_server_that_is_not_there() -> None:
 
 
 @pytest.mark.slow
+def test_writers_need_no_more_rights_than_the_page_says(postgresql: Server) -> None:
+    name = "rights"
+    ledger = filled(postgresql.create(name), 1)
+    for statement in (
+        "CREATE ROLE writer LOGIN",
+        "GRANT SELECT, INSERT ON ledger_entries TO writer",
+        "GRANT SELECT, UPDATE ON ledger_head TO writer",
+        "GRANT SELECT ON ledger_version TO writer",
+        "CREATE ROLE reader LOGIN",
+        "GRANT SELECT ON ledger_entries, ledger_head, ledger_version TO reader",
+    ):
+        postgresql.ask(statement, name)
+    url = postgresql.url(name)
+    writer, reader = (Ledger(url.replace("postgres@", f"{role}@")) for role in ("writer", "reader"))
+    writer.require_writable()
+    assert writer.append(content(2)).new
+    assert not found(reader)
+    assert len(list(reader.entries())) == 2
+    for refused in (reader.require_writable, lambda: reader.append(content(3))):
+        with pytest.raises(OutputError, match="permission denied"):
+            refused()
+    for statement in ("DROP TRIGGER entries_stay ON ledger_entries", "TRUNCATE ledger_entries"):
+        with pytest.raises(Exception, match=r"must be owner|permission denied"):
+            tampered(url.replace("postgres@", "writer@"), statement)
+    assert ledger.head()[0] == 2
+
+
+@pytest.mark.slow
 def test_a_server_that_goes_away_while_an_entry_is_appended(
     postgresql: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
