@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from meshmark.detection.candidates import Candidate
 from meshmark.detection.carrier_matching import Matcher, aligned, by_looks, by_place, in_order
 from meshmark.detection.evidence import Evidence, LazySequence, RestoredVariant
 from meshmark.detection.interpolated_frames import own_poses
-from meshmark.detection.observer import Observer, Reference
+from meshmark.detection.observer import Observations, Observer, Reference
 from meshmark.errors import CapacityError, InputError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import Scheme
@@ -56,6 +57,8 @@ class Extraction:
         self.unreadable: dict[int, InputError] = {}
         # Numbers of observations by frame and restoration; of long animations there is much.
         self._seen: dict[tuple[int, int], int] = {}
+        # Seconds an observation takes, once that is known.
+        self._pace: float | None = None
         self._spool: DiskList[Observation | None] = DiskList()
         self._bit_threshold = 0.0
 
@@ -109,9 +112,7 @@ class Extraction:
         try:
             if missing:
                 observer = Observer(reference, self.scheme, new)
-                for t, observations in zip(
-                    missing, ordered_map(observer, missing, jobs=self.jobs), strict=True
-                ):
+                for t, observations in zip(missing, self._measured(observer, missing), strict=True):
                     if isinstance(observations, InputError):
                         self.unreadable[t] = observations
                     else:
@@ -144,6 +145,18 @@ class Extraction:
             part=self.candidate.part,
             also=self.candidate.also,
         )
+
+    def _measured(
+        self, observer: Observer, frames: Sequence[int]
+    ) -> Iterator[Observations | InputError]:
+        """Measure frames, in worker processes where there is enough for them to do."""
+        n = len(observer.restorations)
+        if self._pace is None:
+            start = time.process_time()
+            yield observer(frames[0])
+            self._pace = (time.process_time() - start) / n
+            frames = frames[1:]
+        yield from ordered_map(observer, frames, jobs=self.jobs, seconds=n * self._pace)
 
     def _readable(self, frames: Sequence[int]) -> list[int]:
         """Leave out the frames that could not be read.

@@ -21,8 +21,10 @@ Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
 JOBS_VARIABLE = "MESHMARK_JOBS"
-# Starting a worker costs about as much as a few frames.
+# Starting workers costs about as much as a few frames, or where it is known what those take, as so
+# many seconds.
 FEWEST_FOR_NEW_WORKERS, FEWEST_FOR_WORKERS = 4, 2
+TO_START = 2.0
 
 
 def default_jobs() -> int:
@@ -40,7 +42,11 @@ def default_jobs() -> int:
 
 
 def ordered_map(
-    function: Callable[[Item], Result], items: Iterable[Item], *, jobs: int | None = None
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    *,
+    jobs: int | None = None,
+    seconds: float | None = None,
 ) -> Iterator[Result]:
     """Apply a picklable function to items in worker processes, results in the items' order.
 
@@ -52,13 +58,24 @@ def ordered_map(
         Small things such as frame indices; consumed only as fast as results are taken.
     jobs : int, optional
         Worker processes; 1 works in this process.
+    seconds : float, optional
+        Of CPU time that an item takes in this process, if that is known.
     """
     work = list(items)
     n_jobs = default_jobs() if jobs is None else jobs
-    running = _shared.pool is not None and _shared.pool.is_running
-    fewest = FEWEST_FOR_WORKERS if running else FEWEST_FOR_NEW_WORKERS
-    with Workers(function, min(n_jobs, len(work)) if len(work) >= fewest else 1) as workers:
+    if not _are_worth_it(len(work), seconds):
+        n_jobs = 1
+    with Workers(function, min(n_jobs, len(work)) or 1) as workers:
         yield from workers.map(work)
+
+
+def _are_worth_it(n_items: int, seconds: float | None) -> bool:
+    """Tell whether worker processes have enough to do, those that run already included."""
+    if _shared.pool is not None and _shared.pool.is_running:
+        return n_items >= FEWEST_FOR_WORKERS
+    if seconds is None:
+        return n_items >= FEWEST_FOR_NEW_WORKERS
+    return n_items >= FEWEST_FOR_WORKERS and n_items * seconds >= TO_START
 
 
 @contextmanager
