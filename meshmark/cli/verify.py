@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -25,7 +27,7 @@ from meshmark.cli.options import (
     require_taken,
 )
 from meshmark.errors import MeshmarkError
-from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
+from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
     from meshmark.detection.verdict import Named, PrimVerdict, Verdict
@@ -47,7 +49,10 @@ def verify(
     key: KeyOption,
     scheme: Annotated[
         list[str],
-        typer.Option(help="Scheme of the mark, or several; by default, all are tried."),
+        typer.Option(
+            help="Scheme of the mark, or several; by default those that embed uses, and those "
+            "that a manifest beside SOURCE names."
+        ),
     ] = [],  # noqa: B006 (typer makes a new list each time)
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     geodesic: GeodesicOption = DEFAULT_GEODESIC,
@@ -65,8 +70,8 @@ def verify(
         str,
         typer.Option(
             metavar="A:B[:S]|auto",
-            help="Time codes from A to B, every S-th frame (`:` for all); auto samples "
-            "few frames first, and more only while the answer is open.",
+            help="Time codes from A to B, every S-th frame (`:` looks at everything); auto "
+            "samples few frames first, and more only while the answer is open.",
         ),
     ] = "auto",
     original: Annotated[
@@ -168,13 +173,13 @@ def _recipes(
     schemes: Sequence[str], segmenter: str, geodesic: str, settings: Sequence[str]
 ) -> Sequence[Recipe]:
     from meshmark.errors import UsageError
-    from meshmark.extension.recipe import all_schemes, layers_from_text, scheme_names
+    from meshmark.extension.recipe import default_layers, layers_from_text, scheme_names
 
     if schemes:
         return layers_from_text(schemes, segmenter, geodesic, settings)
     if settings:
         raise UsageError(f"--set needs --scheme, one of {', '.join(scheme_names())}")
-    return all_schemes(segmenter, geodesic)
+    return [replace(layer, segmenter=segmenter, geodesic=geodesic) for layer in default_layers()]
 
 
 @dataclass(frozen=True)
@@ -193,11 +198,27 @@ class Request:
     original: str | None
     master: str | None
 
+    def recipes_for(self, source: str) -> Sequence[Recipe]:
+        """List what is tried on a source: what was asked for, or else also what its manifest names.
+
+        A scheme of which that says other parameters is to be asked for by whoever knows them.
+        """
+        from meshmark.embedding.manifest import named_schemes
+        from meshmark.extension.recipe import scheme_names
+
+        if self.named:
+            return self.recipes
+        first = self.recipes[0]
+        known = {recipe.scheme for recipe in self.recipes}
+        told = [name for name in named_schemes(Path(source)) if name not in known]
+        there = set(scheme_names()) if told else set()
+        others = [replace(first, scheme=name, settings={}) for name in told if name in there]
+        return (*self.recipes, *others)
+
     @property
     def master_layers(self) -> list[Recipe]:
-        """What the master is made by: of schemes that nobody named, those that `embed` uses."""
-        blind = [recipe for recipe in self.recipes if not recipe.informed]
-        return blind if self.named else [each for each in blind if each.scheme in DEFAULT_LAYERS]
+        """What the master is made by."""
+        return [recipe for recipe in self.recipes if not recipe.informed]
 
 
 def _names(recipients: Sequence[str]) -> list[str]:
@@ -210,9 +231,29 @@ def _names(recipients: Sequence[str]) -> list[str]:
     return list(spellings(names))
 
 
+@contextmanager
+def _importing(recipes: Sequence[Recipe]) -> Iterator[None]:
+    """Import what measuring needs during a block that waits for another process."""
+    thread = Thread(target=_import, args=(recipes,))
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
+
+
+def _import(recipes: Sequence[Recipe]) -> None:
+    import meshmark.detection.verify  # noqa: F401
+
+    for recipe in recipes:
+        # What is wrong with one is said where it is used.
+        with suppress(MeshmarkError):
+            recipe.build()
+
+
 def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
-    from meshmark.detection.verify import judge_all
-    from meshmark.detection.verify import verify as verify_asset
+    # Not in the thread below as well: two that import the same get in each other's way.
+    import meshmark.sources.reading  # noqa: F401
     from meshmark.workers.ordered_map import default_jobs
 
     with frame_progress() as progress:
@@ -222,11 +263,12 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
 
         if request.evidence is not None:
             from meshmark.detection.evidence_cache import kept_evidence
+            from meshmark.detection.verify import judge_all
 
             found = kept_evidence(
                 source,
                 request.evidence,
-                recipes=request.recipes,
+                recipes=request.recipes_for(source),
                 frames=request.frames,
                 parameters=request.parameters,
                 authenticated=request.authenticated,
@@ -238,15 +280,20 @@ def _verify_one(source: str, secret: Any, request: Request) -> Verdict:
             )
             return judge_all(found, secret, recipients=request.recipients, fpr=request.fpr)
         progress("read", source, 0, 1)
-        asset = _read(source, request, copy=request.original is not None)
+        recipes = request.recipes_for(source)
+        blind = [recipe for recipe in recipes if not recipe.informed]
+        with nullcontext() if request.trusted else _importing(blind):
+            asset = _read(source, request, copy=request.original is not None)
         progress("read", source, 1, 1)
+        from meshmark.detection.verify import verify as verify_asset
+
         original = None
         if request.original is not None:
             original = _read(request.original, request)
         return verify_asset(
             asset,
             secret,
-            recipes=request.recipes,
+            recipes=recipes,
             recipients=request.recipients,
             frames=request.frames,
             fpr=request.fpr,

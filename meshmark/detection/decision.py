@@ -37,6 +37,7 @@ def decide(
     fpr: float = 1e-6,
     n_schemes: int = 1,
     share: float = 1.0,
+    largest_share: float | None = None,
     notes: Sequence[str] = (),
 ) -> Verdict:
     """Answer for a source from the evidence of its meshes; whoever measured sets the seconds.
@@ -54,6 +55,8 @@ def decide(
     share : float
         Share of the false-positive rate that this verdict may spend, where several are asked
         for: the shares of all must sum to at most 1.
+    largest_share : float, optional
+        The largest of those: what a file could have reached is told by that.
 
     Notes
     -----
@@ -66,6 +69,7 @@ def decide(
     hypotheses: tuple[str | None, ...] = (None, *recipients)
     correction = float(np.log10(n_schemes * len(hypotheses) / share))
     log10_fpr = float(np.log10(fpr))
+    spare = float(np.log10((largest_share or share) / share))
     corrections = correction - shares(evidence)
     # Last digits must not depend on whether evidence was measured just now or read from a file.
     with one_thread():
@@ -83,10 +87,11 @@ def decide(
     for one in judged:
         for prim in (one.evidence.prim, *one.evidence.also):
             by_prim.setdefault(prim, []).append(one)
-    prims = tuple(_prim_verdict(prim, ones, log10_fpr) for prim, ones in by_prim.items())
+    prims = tuple(_prim_verdict(prim, ones, log10_fpr, spare) for prim, ones in by_prim.items())
     all_judged: list[_Judged | _Several] = [*judged, *several]
     best = min(all_judged, key=lambda one: one.log10_p)
-    answer = _answer(best.log10_p, min(one.reachable for one in all_judged), log10_fpr)
+    reachable = min(one.reachable for one in all_judged) - spare
+    answer = _answer(best.log10_p, reachable, log10_fpr)
     return Verdict(
         source=source,
         verdict=answer,
@@ -97,6 +102,7 @@ def decide(
         notes=tuple(notes),
         recipients=best_of_each(named for one in all_judged for named in one.named),
         pooled=best_of_each_scheme(one.verdict for one in several),
+        hope=min(one.unlimited_log10_p for one in all_judged) + float(np.log10(share)),
     )
 
 
@@ -169,6 +175,11 @@ class _Judged:
         return min(0.0, log10_p + self.correction)
 
     @property
+    def unlimited_log10_p(self) -> float:
+        """Corrected bound for what fits best, before it is limited to 0."""
+        return self.findings[0].unlimited_log10_p + self.correction
+
+    @property
     def log10_p(self) -> float:
         """Bound for what fits best."""
         return self.corrected(self.findings[0].log10_p)
@@ -201,6 +212,8 @@ class _Several:
     Parameters
     ----------
     verdict : PooledVerdict
+    unlimited_log10_p : float
+        Corrected bound for what fits best, before it is limited to 0.
     recipient : str or None
         Whose words fit best.
     reachable : float
@@ -210,6 +223,7 @@ class _Several:
     """
 
     verdict: PooledVerdict
+    unlimited_log10_p: float
     recipient: str | None
     reachable: float
     named: tuple[Named, ...]
@@ -225,11 +239,13 @@ class _Several:
     ) -> _Several:
         """Try a key and every recipient."""
         words = key.words_of(pool.scheme, pool.n_words, pool.n_chips, hypotheses)
-        log10_p = np.minimum(0.0, pool.log10_p(words) + correction)
-        best = int(np.argmin(log10_p))
+        unlimited = pool.unlimited_log10_p(words) + correction
+        log10_p = np.minimum(0.0, unlimited)
+        best = int(np.argmin(unlimited))
         fitting = np.flatnonzero(log10_p <= log10_fpr).tolist()
         return cls(
             PooledVerdict(pool.scheme, len(pool.evidence), float(log10_p[best])),
+            float(unlimited[best]),
             hypotheses[best],
             pool.reachable_log10_p + correction,
             tuple(Named(hypotheses[n], float(log10_p[n])) for n in fitting),
@@ -241,7 +257,9 @@ class _Several:
         return self.verdict.log10_p
 
 
-def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> PrimVerdict:
+def _prim_verdict(
+    prim: str, judged: Sequence[_Judged], log10_fpr: float, spare: float
+) -> PrimVerdict:
     best = min(judged, key=lambda one: one.log10_p)
     evidence, finding = best.evidence, best.findings[0]
     facts = evidence.informed
@@ -249,7 +267,7 @@ def _prim_verdict(prim: str, judged: Sequence[_Judged], log10_fpr: float) -> Pri
     return PrimVerdict(
         prim=prim,
         scheme=evidence.scheme,
-        verdict=_answer(best.log10_p, min(one.reachable for one in judged), log10_fpr),
+        verdict=_answer(best.log10_p, min(one.reachable for one in judged) - spare, log10_fpr),
         log10_p=best.log10_p,
         recipient=finding.recipient,
         chips=evidence.chips,

@@ -12,7 +12,7 @@ from meshmark.detection.evidence_file import StoredEvidence, load_evidence, save
 from meshmark.detection.gathering import AssetEvidence, gather
 from meshmark.detection.informed import beside_original, gather_informed
 from meshmark.errors import InputError, UsageError
-from meshmark.extension.recipe import Recipe, all_schemes
+from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import file_hashes, source_digests
 from meshmark.sources.facts import source_files
@@ -67,7 +67,7 @@ def kept_evidence(
         changed while it was measured.
     """
     start = time.perf_counter()
-    tried = tuple(recipes) or all_schemes()
+    tried = tuple(recipes) or default_layers()
     blind = tuple(recipe for recipe in tried if not recipe.informed)
     informed = tuple(recipe for recipe in tried if recipe.informed and original is not None)
     if not blind and not informed:

@@ -12,7 +12,7 @@ from meshmark.detection.evidence import Evidence
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.looks import EVERYTHING, Look
 from meshmark.errors import CapacityError, InputError
-from meshmark.extension.recipe import Recipe, blind_schemes
+from meshmark.extension.recipe import Recipe, blind_layers
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
 from meshmark.mesh.frame_range import frames_in, has_frame_in, in_range
@@ -70,7 +70,7 @@ def gather(
     Parameters
     ----------
     recipes : sequence of Recipe
-        Schemes to try; all there are, with default parameters, where empty.
+        Schemes to try; where empty, the blind layers that `embed` lays by default.
     frames : str, optional
         Range A:B[:S] of time codes to look at; all by default.
     restored : bool
@@ -87,8 +87,10 @@ def gather(
     survey = Survey(
         asset, recipes=recipes, frames=frames, parts=parts, jobs=jobs, progress=progress
     )
-    look = EVERYTHING if restored else replace(EVERYTHING, restored=False)
-    items = survey.evidence(survey.extractions(survey.recipes), look, last=True)
+    look = EVERYTHING if restored else replace(EVERYTHING, restored="none")
+    views = survey.extractions(survey.recipes)
+    items = survey.evidence(views, look)
+    survey.conclude(views)
     notes, elapsed = survey.notes(), time.perf_counter() - start
     return AssetEvidence(survey.source, tuple(items), len(survey.recipes), notes, elapsed)
 
@@ -120,7 +122,7 @@ class Survey:
         within, left_out = in_range(whole, frames)
         wanted = candidates(within) if parts else whole_meshes(within)
         self.source = whole.source
-        self.recipes = tuple(recipes) or blind_schemes()
+        self.recipes = tuple(recipes) or blind_layers()
         # Groups of frames that agree with each other may lie outside the range.
         self._candidates = [each for each in wanted if has_frame_in(each.animation, frames)]
         self._frames, self._jobs, self._progress = frames, jobs, progress
@@ -132,8 +134,9 @@ class Survey:
         self._notes: dict[str, list[str]] = {}
         self._unreadable: dict[str, InputError] = {}
         self._reasons: dict[int, CapacityError] = {}
-        # Of the last look by each extraction: frames wanted, and how many were worth observing.
-        self._observed: dict[int, tuple[int, int]] = {}
+        # Of the last look by each extraction: frames wanted, how many were worth observing, and
+        # how many there are.
+        self._observed: dict[int, tuple[int, int, int]] = {}
         self._has_read = False
 
     def extractions(self, recipes: Sequence[Recipe]) -> list[Extraction]:
@@ -144,20 +147,28 @@ class Survey:
             for candidate in self._candidates
         ]
 
-    def evidence(self, views: Sequence[Extraction], look: Look, *, last: bool) -> list[Evidence]:
-        """Measure what a look shows; what was measured before is not measured again.
+    def evidence(self, views: Sequence[Extraction], look: Look) -> list[Evidence]:
+        """Measure what a look shows; what was measured before is not measured again."""
+        return [item for view in views for item in self._evidence(view, look)]
 
-        Parameters
-        ----------
-        last : bool
-            Whether the extractions are concluded, too: no look follows.
-        """
-        items: list[Evidence] = []
-        for view in views:
-            items += self._evidence(view, look)
-            if last:
-                self._conclude(view)
-        return items
+    def seen(self, views: Sequence[Extraction]) -> tuple[int, int]:
+        """Count the frames that the last look was at, and all there are, of the longest mesh."""
+        counts = [self._observed[id(view)] for view in views if id(view) in self._observed]
+        return max(((wanted, total) for wanted, _, total in counts), key=max, default=(0, 0))
+
+    def can_give_up(self, views: Sequence[Extraction]) -> bool:
+        """Tell whether there is more to look at, and all frames that were could be read."""
+        unreadable = self._unreadable or any(view.unreadable for view in views)
+        return not unreadable and self.seen(views)[1] > 1
+
+    def give_up(self, views: Sequence[Extraction]) -> None:
+        """Keep that no further look is taken, for lack of hope."""
+        wanted, total = self.seen(views)
+        self._known = (
+            *self._known,
+            f"{views[0].name}: {wanted} of {total} frames give no hope of a mark, and no more was "
+            "looked at; frames : looks at everything",
+        )
 
     def conclude(self, views: Sequence[Extraction]) -> None:
         """Keep what must be said of candidates by a scheme, when no look follows."""
@@ -188,8 +199,8 @@ class Survey:
                 # A frame can take long: what it belongs to is to be known before it is done.
                 tell(0, len(frames))
             poses = view.worth_observing(frames)
-            self._observed[id(view)] = len(frames), len(poses)
-            measured = view.look(poses, view.restorations if look.restored else (0,), tell)
+            self._observed[id(view)] = len(frames), len(poses), len(within)
+            measured = view.look(poses, look.restorations(view.restorations), tell)
         except CapacityError as error:
             self._has_read = True
             self._reasons[id(view)] = error
@@ -206,7 +217,7 @@ class Survey:
         # What parts cannot hold is nothing that the mesh they belong to could not.
         if reason is not None and not view.candidate.part:
             self._note(view, reason.message)
-        wanted, observed = self._observed.pop(id(view), (0, 0))
+        wanted, observed, _ = self._observed.pop(id(view), (0, 0, 0))
         if observed < wanted:
             self._note(
                 view,

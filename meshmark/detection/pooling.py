@@ -83,11 +83,15 @@ class Pool:
 
     def log10_p(self, words: SignArray) -> FloatArray:
         """Bound log10 of the probability that random words (n, M, K) fit all as well, (n,)."""
+        return np.minimum(0.0, self.unlimited_log10_p(words))
+
+    def unlimited_log10_p(self, words: SignArray) -> FloatArray:
+        """Bound it as `log10_p` does; above 0 where even 1 is too low a bound."""
         if self.n_words == 1:
             S, belief = self.shared
             return log10_p_words(S[:, None], words, belief)
         each = [log_belief + _log_e(groups, words) for log_belief, groups in self.variants]
-        return np.minimum(0.0, -np.asarray(logsumexp(each, axis=0)) / np.log(10.0))
+        return -np.asarray(logsumexp(each, axis=0)) / np.log(10.0)
 
     @cached_property
     def reachable_log10_p(self) -> float:

@@ -39,9 +39,9 @@ class HypothesisResult:
     ----------
     recipient : str or None
         Whose words were tried; None for the owner's own.
-    log10_p : float
-        Bound for all frames together, corrected for multiple testing over
-        hypotheses and assignments of words.
+    unlimited_log10_p : float
+        Bound for all frames together, corrected for multiple testing over hypotheses and
+        assignments of words; above 0 where even 1 is too low a bound.
     log10_p_per_frame : (T,) float64
         The same for each frame alone.
     errors : BitErrors
@@ -49,7 +49,7 @@ class HypothesisResult:
     """
 
     recipient: str | None
-    log10_p: float
+    unlimited_log10_p: float
     log10_p_per_frame: FloatArray
     errors: BitErrors
 
@@ -57,7 +57,12 @@ class HypothesisResult:
     def of_nothing(cls, n_frames: int) -> HypothesisResult:
         """Find nothing in so many frames without a chip."""
         nothing = BitErrors(np.full(n_frames, np.nan), np.full(n_frames, -1))
-        return cls(None, 0.0, np.zeros(n_frames), nothing)
+        return cls(None, np.inf, np.zeros(n_frames), nothing)
+
+    @property
+    def log10_p(self) -> float:
+        """The bound, at most 0."""
+        return min(0.0, self.unlimited_log10_p)
 
 
 def judge(evidence: Evidence, key: Key, recipient: str | None = None) -> HypothesisResult:
@@ -93,7 +98,7 @@ def judge_each(
     return [
         HypothesisResult(
             recipient=recipients[n],
-            log10_p=float(log10_p[n]),
+            unlimited_log10_p=float(log10_p[n]),
             log10_p_per_frame=np.minimum(
                 0.0, alone[n] if n in alone else _alone(evidence, words[[n]])[:, 0]
             ),
@@ -106,7 +111,8 @@ def judge_each(
 def log10_p_of_names(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> FloatArray:
     """Bound log10 p of each of several recipients by itself, (n,); None is the owner."""
     words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
-    return _with_vertices(evidence, key, recipients, words, log10_p_of(evidence, words))
+    log10_p = _judged(evidence, words)[0]
+    return np.minimum(0.0, _with_vertices(evidence, key, recipients, words, log10_p))
 
 
 def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
@@ -128,20 +134,23 @@ def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
     itself: the mean of their e-values is an e-value too. It is computed for the `SHORT_LIST`
     of those whose words fit all frames together best; for the others it counts as 0.
     """
-    return _judged(evidence, words)[0]
+    return np.minimum(0.0, _judged(evidence, words)[0])
 
 
 def _judged(evidence: Evidence, words: SignArray) -> tuple[FloatArray, dict[int, FloatArray]]:
-    """Bound log10 p of words, (n,), and tell what frames say by themselves of those listed."""
+    """Bound log10 p of words, (n,), and tell what frames say by themselves of those listed.
+
+    Bounds are above 0 where even 1 is too low a bound.
+    """
     together = _together(evidence, words)
     if evidence.n_words == 1 or len(evidence.times) == 1:
-        return np.minimum(0.0, together), {}
+        return together, {}
     shared = together - np.log10(TOGETHER)
     listed = np.argsort(together, kind="stable")[:SHORT_LIST]
     alone = _alone(evidence, words[listed])
     mean = logsumexp(-alone * np.log(10.0), axis=0) + np.log((1.0 - TOGETHER) / len(alone))
     shared[listed] = -np.logaddexp(-shared[listed] * np.log(10.0), mean) / np.log(10.0)
-    return np.minimum(0.0, shared), dict(zip(listed.tolist(), alone.T, strict=True))
+    return shared, dict(zip(listed.tolist(), alone.T, strict=True))
 
 
 def _together(evidence: Evidence, words: SignArray) -> FloatArray:
@@ -189,7 +198,7 @@ def _with_vertices(
     log_e = evidence.vertices.log_e(key, evidence.scheme, names)
     by_vertices = -log_e / np.log(10.0) - np.log10(VERTEX_SHARE)
     shared[listed] = np.minimum(shared[listed], by_vertices)
-    return np.minimum(0.0, shared)
+    return shared
 
 
 def _alone(evidence: Evidence, words: SignArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from meshmark.detection.evidence import InformedFacts
+from meshmark.detection.looks import TakenLook
 from meshmark.detection.significance import HypothesisResult
 from meshmark.files.atomic import number
 
@@ -16,6 +18,8 @@ from meshmark.files.atomic import number
 TRIPLE = float(np.log10(3.0))
 
 Answer = Literal["marked", "not marked", "inconclusive"]
+# Why no further look was taken at a copy.
+End = Literal["marked", "no hope", "all seen"]
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,12 @@ class Verdict:
         What the copy was compared with.
     pooled : tuple of PooledVerdict
         What several meshes say together, one for each scheme that found several.
+    looks : tuple of TakenLook
+        The looks that were taken at the copy alone, in their order.
+    ended : str or None
+        Why no further one was: "marked", "no hope" or "all seen".
+    hope : float
+        `log10_p` before it is limited to 0, and corrected for the share of its look.
     """
 
     source: str
@@ -181,6 +191,9 @@ class Verdict:
     recipients: tuple[Named, ...] = ()
     original: str | None = None
     pooled: tuple[PooledVerdict, ...] = ()
+    looks: tuple[TakenLook, ...] = ()
+    ended: End | None = None
+    hope: float = math.inf
 
     @classmethod
     def of_nothing(cls, source: str, notes: Sequence[str] = (), elapsed_s: float = 0.0) -> Verdict:
@@ -201,6 +214,9 @@ class Verdict:
             "pooled": [each.as_json() for each in self.pooled],
             "notes": list(self.notes),
         }
+        if self.ended is not None:
+            entry["looks"] = [look.as_json() for look in self.looks]
+            entry["ended"] = self.ended
         if self.original is not None:
             entry["original"] = self.original
         return entry if said is None else {**entry, "unauthenticated": said.as_json()}
@@ -269,6 +285,8 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
         notes=tuple(dict.fromkeys((*blind.notes, *informed.notes))),
         recipients=recipients,
         pooled=(*blind.pooled, *informed.pooled),
+        looks=blind.looks,
+        ended=blind.ended,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,11 +13,10 @@ import numpy as np
 from meshmark.detection.decision import decide
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
-from meshmark.detection.informed import gather_informed
-from meshmark.detection.looks import EVERYTHING, LOOKS, NAMING, Look
-from meshmark.detection.verdict import TRIPLE, Verdict, jointly, together, without_weight
+from meshmark.detection.looks import EVERYTHING, HOPE, LOOKS, NAMING, QUICK, Look, TakenLook
+from meshmark.detection.verdict import TRIPLE, End, Verdict, jointly, together, without_weight
 from meshmark.errors import CapacityError, UsageError
-from meshmark.extension.recipe import Recipe, all_schemes
+from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
@@ -49,14 +49,14 @@ def verify(
     key : Key
         The owner's key.
     recipes : sequence of Recipe
-        Schemes to try, with the parameters they were embedded with; by default every scheme
-        there is, with its defaults, those that need the original only where it is given.
+        Schemes to try, with the parameters they were embedded with; by default those that
+        `embed` marks by, the ones that need the original only where it is given.
     recipients : sequence of str
         Names to try beside the owner's own mark, in every form of `spellings`; each is
         corrected for.
     frames : str, optional
         Range A:B[:S] of time codes to look at, all by default; or "auto", for few frames
-        first and more only while they do not decide.
+        first, and more only while they do not decide and leave hope.
     fpr : float
         False-positive rate: the largest p that counts as marked.
     original : Asset or MeshAnimation, optional
@@ -75,13 +75,14 @@ def verify(
     Notes
     -----
     With "auto" the looks are fixed beforehand, and share the false-positive rate; so do the
-    schemes, tried one after the other. Where several recipients are asked for, a marked copy is
+    schemes, tried one after the other. Whoever takes fewer looks only finds fewer marks: giving up
+    after the quick ones costs no rate. Where several recipients are asked for, a marked copy is
     looked at whole, so that all who are in it are named.
 
     With an original, the copy is read beside it first, and by itself only if that does not decide.
     """
     start = time.perf_counter()
-    tried = tuple(recipes) or all_schemes()
+    tried = tuple(recipes) or default_layers()
     blind = [recipe for recipe in tried if not recipe.informed]
     informed = [recipe for recipe in tried if recipe.informed]
     copy = _as_asset(asset)
@@ -136,32 +137,43 @@ def verify_blindly(
     def judged(views: Sequence[Extraction], look: Look) -> Verdict:
         return decide(
             survey.source,
-            survey.evidence(views, look, last=look is looks[-1]),
+            survey.evidence(views, look),
             key,
             recipients=names,
             fpr=fpr,
             n_schemes=len(survey.recipes),
             share=look.share,
+            largest_share=looks[-1].share,
         )
 
     best: Verdict | None = None
+    taken: list[TakenLook] = []
+    ended: End = "all seen"
     for tried in [(recipe,) for recipe in survey.recipes] if one_by_one else [survey.recipes]:
         views = survey.extractions(tried)
+        hope = math.inf
         for look in looks:
             verdict = judged(views, look)
+            schemes = tuple(recipe.scheme for recipe in tried)
+            taken.append(TakenLook(schemes, survey.seen(views)[0], look.restored, verdict.log10_p))
+            hope = min(hope, verdict.hope)
             if best is None or _better(verdict, best):
                 best = verdict
             if verdict.verdict == "marked":
+                ended = "marked"
+                break
+            if look is QUICK[-1] and hope > HOPE and survey.can_give_up(views):
+                ended = "no hope"
+                survey.give_up(views)
                 break
         assert best is not None
-        if look is not looks[-1]:
-            if len(names) > 1:
-                best = together(best, judged(views, NAMING))
-            survey.conclude(views)
-        if best.verdict == "marked":
+        if ended == "marked" and look is not looks[-1] and len(names) > 1:
+            best = together(best, judged(views, NAMING))
+        survey.conclude(views)
+        if ended == "marked":
             break
     assert best is not None
-    return replace(best, notes=survey.notes())
+    return replace(best, notes=survey.notes(), looks=tuple(taken), ended=ended)
 
 
 def verify_informed(
@@ -181,6 +193,8 @@ def verify_informed(
 
     Where the master has to be made, the looks before and after it share the rate.
     """
+    # Whoever looks at a copy alone has no use for what places it on an original.
+    from meshmark.detection.informed import gather_informed
 
     def judged(master: Asset | None, share: float) -> Verdict:
         found = gather_informed(

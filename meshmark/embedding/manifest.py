@@ -171,6 +171,23 @@ def remark(output: Path) -> str | None:
     return None
 
 
+def named_schemes(output: Path) -> tuple[str, ...]:
+    """List the schemes that a manifest beside a file or folder names, whosoever it is.
+
+    Whoever tries them has to correct for their number, and takes nothing else from it: it may have
+    been written to mislead.
+    """
+    try:
+        found = _parsed(_content(manifest_path(output)))
+    except InputError:
+        return ()
+    layers = (found or {}).get("layers")
+    if not isinstance(layers, list):
+        return ()
+    names = [each.get("name") for each in layers if isinstance(each, dict)]
+    return tuple(dict.fromkeys(name for name in names if isinstance(name, str)))
+
+
 def _manifest_of(standing: Hashes, found: dict[str, Any] | None) -> dict[str, Any] | None:
     """Choose what speaks of the output that stands: a manifest, what it replaced, or nothing."""
     if found is None or not standing:

@@ -10,7 +10,6 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
-from meshmark.extension.binned_scheme import as_scheme
 from meshmark.extension.defaults import (
     DEFAULT_GEODESIC,
     DEFAULT_LAYERS,
@@ -107,7 +106,12 @@ class Recipe:
             self.build_segmenter()
         offer = catalogue().find("scheme", self.scheme)
         made = offer.make(**self.build_helpers(), **self.settings.get(self.scheme, {}))
-        return made if self.informed else as_scheme(made)
+        if self.informed:
+            return made
+        # It needs most of scipy, for which whoever only names a recipe has no use.
+        from meshmark.extension.binned_scheme import as_scheme
+
+        return as_scheme(made)
 
     def build_helpers(self) -> dict[str, Any]:
         """Make what the scheme's record says that its factory needs."""
@@ -290,17 +294,9 @@ def mrms_limit(layers: Sequence[Recipe]) -> float | None:
     return None if None in limits else float(np.sqrt(sum(limit**2 for limit in limits)))
 
 
-def all_schemes(
-    segmenter: str = DEFAULT_SEGMENTER, geodesic: str = DEFAULT_GEODESIC
-) -> tuple[Recipe, ...]:
-    """Return a recipe for each scheme there is, with the parameters that `embed` marks with."""
-    layers = {layer.scheme: layer.settings for layer in default_layers()}
-    return tuple(Recipe(name, segmenter, geodesic, layers.get(name, {})) for name in scheme_names())
-
-
-def blind_schemes() -> tuple[Recipe, ...]:
-    """Return a recipe for each scheme that reads a copy alone."""
-    return tuple(recipe for recipe in all_schemes() if not recipe.informed)
+def blind_layers() -> tuple[Recipe, ...]:
+    """Return those of them that a copy shows by itself."""
+    return tuple(layer for layer in default_layers() if not layer.informed)
 
 
 def scheme_names() -> tuple[str, ...]:

@@ -13,8 +13,9 @@ from scipy.special import logsumexp
 
 from meshmark.detection.evidence import in_steps
 from meshmark.detection.extraction import Extraction, extract
-from meshmark.detection.looks import LOOKS
+from meshmark.detection.looks import HOPE, LOOKS, QUICK, Look
 from meshmark.detection.significance import judge
+from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import verify
 from meshmark.errors import CapacityError
 from meshmark.extension.carrier import Observation
@@ -212,7 +213,14 @@ def test_no_carriers_at_all_name_the_mesh() -> None:
 
 def test_looks_share_the_rate_and_the_last_sees_everything() -> None:
     assert sum(look.share for look in LOOKS) == 1.0
-    assert (LOOKS[-1].frames, LOOKS[-1].restored) == (None, True)
+    assert (LOOKS[-1].frames, LOOKS[-1].restored) == (None, "all")
+
+
+def test_a_look_undoes_no_smoothing_the_most_or_all() -> None:
+    asked = (0, 10, 30)
+    restored = {name: Look(1, name, 1.0).restorations(asked) for name in ("none", "most", "all")}
+    assert restored == {"none": (0,), "most": (0, 30), "all": asked}
+    assert Look(1, "most", 1.0).restorations((0,)) == (0,)
 
 
 @given(n_frames=st.integers(1, 300))
@@ -237,17 +245,78 @@ def new_frames(look: int, n_frames: int = 24) -> list[int]:
     return sorted(set(LOOKS[look].chosen(range(n_frames), 0)) - set(earlier))
 
 
+def hinted_at(times, n_frames=24) -> Oracle:
+    """Mark some frames, and leave a mere hint in the others: six chips that are right."""
+    hint = np.where(np.arange(M * K).reshape(M, K) < 6, WORDS, 0.0)
+    return Oracle({float(t): WORDS if t in times else hint for t in range(n_frames)})
+
+
 @pytest.mark.parametrize("look", [0, 2, 3, 4])
 def test_more_frames_are_looked_at_only_while_they_do_not_decide(look) -> None:
-    scheme = marked_at(new_frames(look), 24)
+    scheme = hinted_at(new_frames(look))
     verdict = verify(still(24), KEY, recipes=[OracleRecipe(scheme)], frames="auto")
     assert verdict.verdict == "marked"
     frames = LOOKS[look].chosen(range(24), 0)
     assert {time for time, _ in scheme.seen} == set(map(float, frames))
-    restorations = scheme.restorations if LOOKS[look].restored else (0,)
-    alone = Extraction(still(24), marked_at(new_frames(look), 24), NAME).look(frames, restorations)
+    restorations = LOOKS[look].restorations(scheme.restorations)
+    alone = Extraction(still(24), hinted_at(new_frames(look)), NAME).look(frames, restorations)
     paid = judge(alone, KEY).log10_p - np.log10(LOOKS[look].share)
     assert verdict.log10_p == pytest.approx(paid, abs=1e-12)
+
+
+def verdict_on(scheme, n_frames=24, **asked) -> Verdict:
+    return verify(still(n_frames), KEY, recipes=[OracleRecipe(scheme)], **asked)
+
+
+def marked_unseen(n_frames) -> Oracle:
+    """Mark all frames but those of the quick looks, which show noise."""
+    quick = QUICK[-1].chosen(range(n_frames), 0)
+    given = {float(t): WORDS for t in range(n_frames)} | noise_at(quick, seed=1).given
+    return Oracle(given)
+
+
+def test_without_hope_the_quick_looks_are_the_last() -> None:
+    scheme = marked_unseen(24)
+    found = verdict_on(scheme, frames="auto")
+    assert (found.verdict, found.log10_p, found.ended) == ("not marked", 0.0, "no hope")
+    assert found.hope > HOPE
+    assert {time for time, _ in scheme.seen} == set(map(float, QUICK[-1].chosen(range(24), 0)))
+    [note] = found.notes
+    assert note.startswith("oracle: 4 of 24 frames give no hope")
+    assert [(look.frames, look.restored) for look in found.looks] == [
+        (look.frames, look.restored) for look in QUICK
+    ]
+    # Whoever wants to be sure looks at everything.
+    whole = verdict_on(scheme, frames=":")
+    assert (whole.verdict, whole.ended, whole.notes) == ("marked", "marked", ())
+
+
+def test_a_little_hope_is_enough_to_look_at_everything() -> None:
+    found = verdict_on(hinted_at(new_frames(4)), frames="auto")
+    assert (found.verdict, found.ended, len(found.looks)) == ("marked", "marked", 5)
+    hints = verdict_on(hinted_at(()), frames="auto")
+    assert (hints.verdict, hints.ended, len(hints.looks)) == ("inconclusive", "all seen", 5)
+    # What shows no chip shows no hope.
+    silent = verdict_on(marked_at((), 24), frames="auto")
+    assert (silent.verdict, silent.ended) == ("inconclusive", "no hope")
+
+
+def test_nobody_gives_up_over_frames_that_cannot_be_read() -> None:
+    scheme = marked_unseen(24)
+    points = np.array([frame.points for frame in still(24)])
+    points[QUICK[-1].chosen(range(24), 0)[1], 0] = np.nan
+    broken = MeshAnimation.from_arrays(points, icosphere(1)[1], times=np.arange(24.0), prim="/Ball")
+    found = verify(broken, KEY, recipes=[OracleRecipe(scheme)], frames="auto")
+    assert found.verdict == "marked"
+
+
+def test_giving_up_takes_the_rate_of_the_last_look_for_granted() -> None:
+    # What 64 chips can reach is enough for half of this rate, and not for an eighth.
+    reach = extract(still(1), noise_at([0]), NAME).reachable_log10_p
+    fpr = 10.0 ** (reach + np.log10(4.0))
+    for seed, frames in ((1, "auto"), (1, ":")):
+        found = verdict_on(noise_at(range(8), seed), 8, frames=frames, fpr=fpr)
+        assert found.verdict == "not marked"
 
 
 def test_looks_and_one_look_give_the_same_answer() -> None:

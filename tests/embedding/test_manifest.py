@@ -19,7 +19,13 @@ from meshmark.detection import evidence_cache
 from meshmark.detection.evidence_cache import kept_evidence
 from meshmark.embedding import file as publishing
 from meshmark.embedding.file import mark_file
-from meshmark.embedding.manifest import announced, manifest_path, output_hashes, remark
+from meshmark.embedding.manifest import (
+    announced,
+    manifest_path,
+    named_schemes,
+    output_hashes,
+    remark,
+)
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.files.locks import held
@@ -436,3 +442,19 @@ def test_evidence_on_a_full_disk_is_none(source, small_disk) -> None:
     assert [p.name for p in small_disk.iterdir()] == ["filler"]
     fill(small_disk, 100_000)
     assert kept_evidence(str(source), evidence, recipes=[RECIPE]).items
+
+
+def test_schemes_are_named_by_whatever_lies_beside_a_file(tmp_path) -> None:
+    output = tmp_path / "o.usdc"
+    assert named_schemes(output) == ()
+    for text, names in (
+        ('{"layers": [{"name": "a"}, {"name": 7}, 7, {"name": "b"}, {"name": "b"}]}', ["a", "b"]),
+        ('{"layers": 7}', []),
+        ("[]", []),
+        ("nothing", []),
+    ):
+        manifest_path(output).write_text(text)
+        assert list(named_schemes(output)) == names
+    manifest_path(output).unlink()
+    manifest_path(output).mkdir()
+    assert named_schemes(output) == ()
