@@ -36,7 +36,7 @@ from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress
 
 # Frames of a suspect that are measured alone: what `verify` looks at before it looks at all.
-LOOK = Look(12, True, 1.0)
+LOOK = Look(12, "all", 1.0)
 # Originals that a suspect is laid upon, unless more are asked for.
 MOST = 8
 
@@ -357,7 +357,9 @@ class _Search:
                 jobs=self._jobs,
                 progress=self._progress,
             )
-            found[name] = survey.evidence(survey.extractions([recipe]), LOOK, last=True)
+            views = survey.extractions([recipe])
+            found[name] = survey.evidence(views, LOOK)
+            survey.conclude(views)
             for note in survey.notes():
                 self._note(note)
         return found
