@@ -149,6 +149,7 @@ def test_a_marked_file_is_nobody_elses_copy(studio, walk) -> None:
     assert studio.there() == []
 
 
+@pytest.mark.slow
 def test_a_newer_export_is_marked_anew(studio, walk) -> None:
     studio.add(walk)
     assert studio.publish() == []
@@ -295,6 +296,7 @@ def test_a_layer_over_an_unmarked_file_is_not_published(studio, walk) -> None:
     assert studio.there() == []
 
 
+@pytest.mark.slow
 def test_no_mesh_of_a_file_of_another_format_passes_unmarked(studio, tmp_path) -> None:
     scene = tmp_path / "staging" / "set.glb"
     stage = meshmark.read(write(scene.with_suffix(".usdc"), ball(), square()))
