@@ -40,6 +40,10 @@ EMBED_STAGES = (
     (f"{APEX}.marking.plan", "surface_distance", "keeping to the limit"),
 )
 LOOK_STAGES = (
+    (f"{APEX}.anchors.proxies", "build_proxy", "proxies"),
+    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.proxy_distances", "EvenMeshDistances.from_point", "distances: solves"),
+    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.to_proxy", "distances: near anchors"),
     ("meshmark.detection.observer", "unsmooth", "undoing smoothing"),
     (f"{APEX}.anchors.detect", "large_components", "components"),
     (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),

@@ -15,6 +15,7 @@ from meshmark_plugins.schemes.apex.anchors.components import reference_root_area
 from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.anchors.persistence import MIN_PERSISTENCE_DETECTED
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies, proxies_of
 from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import (
@@ -87,7 +88,8 @@ class Apex:
         """Detect the anchors of a frame, and measure the chips about them."""
         K, width = self.parameters.bins, self.parameters.width
         most = self.parameters.words + SPARE_ANCHORS
-        found = detect_anchors(frame.points, frame.faces, MIN_PERSISTENCE_DETECTED, most)
+        proxies = Proxies(frame.points) if reference is None else proxies_of(reference)
+        found = detect_anchors(frame.points, frame.faces, MIN_PERSISTENCE_DETECTED, most, proxies)
         fields = [anchors.geodesic_field() for anchors in found]
         own_length = fields[0].reference_root_area
         length = own_length if reference is None else _reference_root_area(reference)

@@ -21,6 +21,8 @@ from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, 
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
 from meshmark_plugins.schemes.apex.anchors.persistence import Maxima, persistent_maxima
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
+from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # How far below a maximum its cap reaches, in root areas.
 CAP_HEIGHT = 0.03
@@ -47,7 +49,7 @@ class ComponentAnchors:
     component: Component
     V: FloatArray
     root_areas: tuple[float, float]
-    geodesics: GeodesicDistances
+    geodesics: GeodesicDistances | ProxyDistances
     maxima: Maxima
 
     def geodesic_field(self) -> GeodesicField:
@@ -63,7 +65,11 @@ class ComponentAnchors:
 
 
 def detect_anchors(
-    V: FloatArray, F: IntArray, min_persistence: float, max_anchors: int
+    V: FloatArray,
+    F: IntArray,
+    min_persistence: float,
+    max_anchors: int,
+    proxies: Proxies | None = None,
 ) -> list[ComponentAnchors]:
     """Detect the anchors of a mesh, component by component.
 
@@ -77,6 +83,8 @@ def detect_anchors(
         Least persistence of an anchor, in root areas of its component.
     max_anchors : int
         Most anchors, over all components: the most persistent ones are kept.
+    proxies : Proxies, optional
+        To measure fine components on; by default all are measured as they are.
 
     Raises
     ------
@@ -88,7 +96,11 @@ def detect_anchors(
     found: list[ComponentAnchors] = []
     for component, root_area in zip(components, root_areas, strict=True):
         points = V[component.vertices]
-        geodesics = GeodesicDistances(points, component.faces)
+        geodesics = (
+            GeodesicDistances(points, component.faces)
+            if proxies is None
+            else proxies.distances(points, component)
+        )
         maxima = surface_anchors(points, component.faces, geodesics, min_persistence, max_anchors)
         if maxima.vertices.size:
             lengths = (root_area, root_areas[0])
@@ -112,7 +124,7 @@ def detect_anchors(
 def surface_anchors(
     V: FloatArray,
     F: IntArray,
-    geodesics: GeodesicDistances,
+    geodesics: GeodesicDistances | ProxyDistances,
     min_persistence: float,
     max_anchors: int,
 ) -> Maxima:
@@ -120,8 +132,15 @@ def surface_anchors(
 
     Parameters are those of `detect_anchors`; `geodesics` are the surface's distances.
     """
-    f = integral_distance(V, F, geodesics)
-    found = persistent_maxima(f, F, min_persistence)
+    if isinstance(geodesics, ProxyDistances):
+        proxy = geodesics.proxy
+        of_proxy = integral_distance(geodesics.V, proxy.faces, geodesics.on_proxy)
+        found = persistent_maxima(of_proxy, proxy.faces, min_persistence)
+        found = replace(found, vertices=proxy.samples[found.vertices])
+        f = proxy.prolongation @ of_proxy
+    else:
+        f = integral_distance(V, F, geodesics)
+        found = persistent_maxima(f, F, min_persistence)
     centres = cap_centres(V, F, f, found.vertices[:max_anchors])
     return Maxima(centres, found.persistence[:max_anchors])
 

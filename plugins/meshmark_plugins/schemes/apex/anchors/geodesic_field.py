@@ -9,15 +9,36 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.geometry import vertex_areas
+from meshmark.mesh.proxy import Proxy
 from meshmark_plugins.schemes.apex.anchors.components import (
     Component,
     large_components,
     shared_root_areas,
 )
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Radius of the geodesic disc about an anchor, in root areas.
 DISC_RADIUS = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class ProxyField:
+    """Distances from the anchors of a component on its proxy.
+
+    Parameters
+    ----------
+    proxy : Proxy
+        Of the component.
+    V : (k, 3) float64
+        Its positions.
+    H : (m, k) float64
+        Distance of its vertices from each anchor, in the length scale of the component's.
+    """
+
+    proxy: Proxy
+    V: FloatArray
+    H: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +62,8 @@ class GeodesicField:
         Persistence of each anchor, in root areas; 0 where it was given, not detected.
     H : (m, n) float64
         Distance of the component's vertices from each anchor, in length scales.
+    on_proxy : ProxyField or None
+        The same on the proxy that they were measured on, if they were.
     """
 
     component: Component
@@ -50,10 +73,20 @@ class GeodesicField:
     anchors: IntArray
     persistence: FloatArray
     H: FloatArray
+    on_proxy: ProxyField | None = None
+
+    @property
+    def surface(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Positions, triangles and distances of the mesh that areas are summed over."""
+        if self.on_proxy is None:
+            return self.V, self.component.faces, self.H
+        return self.on_proxy.V, self.on_proxy.proxy.faces, self.on_proxy.H
 
     def rescaled(self, factor: float) -> GeodesicField:
         """Give the same distances in a length scale that is `factor` times as long."""
-        return replace(self, length_scale=self.length_scale * factor, H=self.H / factor)
+        on_proxy = self.on_proxy and replace(self.on_proxy, H=self.on_proxy.H / factor)
+        length_scale = self.length_scale * factor
+        return replace(self, length_scale=length_scale, H=self.H / factor, on_proxy=on_proxy)
 
     @property
     def disc_area_share(self) -> FloatArray:
@@ -61,16 +94,13 @@ class GeodesicField:
 
         It tells a nose from a hoof from a tail, and hardly changes as the body moves.
         """
-        return self._mean_by_area((self.H < DISC_RADIUS).astype(np.float64))
+        V, F, H = self.surface
+        return _mean_by_area(V, F, (H < DISC_RADIUS).astype(np.float64))
 
     @property
     def mean_geodesic_distance(self) -> FloatArray:
         """Mean distance of the component's surface from each anchor, (m,), in length scales."""
-        return self._mean_by_area(self.H)
-
-    def _mean_by_area(self, values: FloatArray) -> FloatArray:
-        areas = vertex_areas(self.V, self.component.faces)
-        return values @ areas / areas.sum()
+        return _mean_by_area(*self.surface)
 
 
 def geodesic_fields(
@@ -123,7 +153,7 @@ def measure_field(
     component: Component,
     V: FloatArray,
     root_areas: tuple[float, float],
-    geodesics: GeodesicDistances,
+    geodesics: GeodesicDistances | ProxyDistances,
     anchors: IntArray,
     persistence: FloatArray,
 ) -> GeodesicField:
@@ -132,6 +162,14 @@ def measure_field(
     Other parameters are those of `GeodesicField`; `root_areas` are the component's, and that of
     the largest one.
     """
+    scale = geodesics.root_area / root_areas[0]
+    on_proxy = None
+    if isinstance(geodesics, ProxyDistances):
+        of_proxy = scale * geodesics.to_proxy(anchors)
+        H = geodesics.proxy.prolong(of_proxy)
+        on_proxy = ProxyField(geodesics.proxy, geodesics.V, of_proxy)
+    else:
+        H = scale * geodesics.from_vertices(anchors)
     return GeodesicField(
         component=component,
         V=V,
@@ -139,5 +177,12 @@ def measure_field(
         reference_root_area=root_areas[1],
         anchors=component.vertices[anchors],
         persistence=persistence,
-        H=geodesics.from_vertices(anchors) * (geodesics.root_area / root_areas[0]),
+        H=H,
+        on_proxy=on_proxy,
     )
+
+
+def _mean_by_area(V: FloatArray, F: IntArray, values: FloatArray) -> FloatArray:
+    """Mean over a mesh of values (m, k) at its vertices, (m,)."""
+    areas = vertex_areas(V, F)
+    return values @ areas / areas.sum()

@@ -30,6 +30,10 @@ class GeodesicDistances:
         Vertex positions of one connected surface; no vertex is unused.
     F : (F, 3) int
         Triangles.
+    diffusion_length : float
+        Diffusion length of the heat flow, in root areas.
+    extended : bool
+        Whether borders are extended first.
 
     Attributes
     ----------
@@ -47,22 +51,29 @@ class GeodesicDistances:
        Graphics 32 (2013). doi:10.1145/2516971.2516977
     """
 
-    def __init__(self, V: FloatArray, F: IntArray) -> None:
+    def __init__(
+        self,
+        V: FloatArray,
+        F: IntArray,
+        *,
+        diffusion_length: float = DIFFUSION_LENGTH,
+        extended: bool = True,
+    ) -> None:
         import potpourri3d as pp3d
 
         self.root_area = float(np.sqrt(face_areas(V, F).sum()))
         if self.root_area == 0.0:
             raise CapacityError("the surface has no area")
         self._n = len(V)
-        U, F = extend_boundary(
-            (V - V.mean(axis=0)) / self.root_area, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH
-        )
+        U = (V - V.mean(axis=0)) / self.root_area
+        if extended:
+            U, F = extend_boundary(U, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH)
         E = edges(F)
         mean_edge = float(lengths(U[E[:, 0]] - U[E[:, 1]]).mean())
         try:
             # The solver takes time in squared mean edges.
             self._solver = pp3d.MeshHeatMethodDistanceSolver(
-                U, F, (DIFFUSION_LENGTH / mean_edge) ** 2, True
+                U, F, (diffusion_length / mean_edge) ** 2, True
             )
         except (RuntimeError, ValueError) as error:
             raise CapacityError(f"distances cannot be measured: {_first_line(error)}") from error

@@ -7,13 +7,16 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.proxy_distances import EvenMeshDistances
 
 # Samples that stand for the surface.
 SURFACE_SAMPLES = 16
 
 
-def integral_distance(V: FloatArray, F: IntArray, geodesics: GeodesicDistances) -> FloatArray:
-    """Mean distance of each vertex to the whole surface, (N,) float64, in root areas.
+def integral_distance(
+    V: FloatArray, F: IntArray, geodesics: GeodesicDistances | EvenMeshDistances
+) -> FloatArray:
+    """Mean distance of each vertex to the whole surface, (N,) float64, in units of `geodesics`.
 
     Notes
     -----

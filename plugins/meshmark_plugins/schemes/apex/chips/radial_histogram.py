@@ -62,18 +62,18 @@ def radial_histograms(
     n_cells : int
         B; what lies farther away is left out.
     """
-    F = field.component.faces
-    areas = face_areas(field.V, F) / field.length_scale**2
+    V, F, H_surface = field.surface
+    areas = face_areas(V, F) / field.length_scale**2
     sample_areas = np.repeat(areas / len(TRIANGLE_SAMPLES), len(TRIANGLE_SAMPLES))
-    rim = boundary_edges(F)
+    rim = boundary_edges(field.component.faces)
     lengths = np.linalg.norm(field.V[rim[:, 0]] - field.V[rim[:, 1]], axis=1) / field.length_scale
     sample_lengths = np.repeat(lengths / len(EDGE_SAMPLES), len(EDGE_SAMPLES))
     rows: list[tuple[FloatArray, ...]] = []
-    for H in field.H:
+    for H, on_surface in zip(field.H, H_surface, strict=True):
         vertex_cells, area_cells, border_cells = (
             # What is far beyond the last cell would be beyond the integers, too.
             np.minimum(distances * (CELLS_PER_BIN / width), n_cells).astype(np.int64).ravel()
-            for distances in (H, H[F] @ TRIANGLE_SAMPLES.T, H[rim] @ EDGE_SAMPLES.T)
+            for distances in (H, on_surface[F] @ TRIANGLE_SAMPLES.T, H[rim] @ EDGE_SAMPLES.T)
         )
         rows.append(
             (

@@ -11,6 +11,7 @@ from meshmark.mesh.laplacian import (
     cotangent_weights,
     stiffness_matrix,
 )
+from meshmark.mesh.proxy import symmetric_factor
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
@@ -22,7 +23,15 @@ MIN_VERTEX_AREA_SHARE = 1e-3
 
 def whitening_weights(field: GeodesicField, width: float) -> FloatArray:
     """Whitening weights of a component's vertices, (n,), on the scale of half a bin."""
-    return inverse_density(field.V, field.component.faces, field.length_scale, width / 2.0)
+    V, F, _ = field.surface
+    length = width / 2.0
+    if field.on_proxy is None:
+        return inverse_density(V, F, field.length_scale, length)
+    P = field.on_proxy.proxy.prolongation
+    masses = P.T @ np.ones(len(field.V))
+    return _inverse(
+        P @ symmetric_factor(_diffusion(V, F, field.length_scale, length)).solve(masses)
+    )
 
 
 def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float) -> FloatArray:
@@ -45,13 +54,21 @@ def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float)
         1 / y, where (M + length^2 L) y = 1 with lumped areas M and the cotangent Laplacian L:
         unit mass at every vertex, diffused over the surface. Sums to about 1.
     """
-    areas = vertex_areas(V, F) / root_area**2
-    areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
-    A = csr_matrix(
-        diags_array(areas) + length**2 * stiffness_matrix(F, cotangent_weights(V, F), len(V))
-    )
-    n = len(V)
+    A, n = _diffusion(V, F, root_area, length), len(V)
     y = conjugate_gradients(
         A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
     )
-    return 1.0 / np.maximum(y, 1e-9 * n)
+    return _inverse(y)
+
+
+def _diffusion(V: FloatArray, F: IntArray, root_area: float, length: float) -> csr_matrix:
+    """M + length^2 L, whose inverse spreads masses over a surface."""
+    areas = vertex_areas(V, F) / root_area**2
+    areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
+    L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
+    return csr_matrix(diags_array(areas) + length**2 * L)
+
+
+def _inverse(density: FloatArray) -> FloatArray:
+    """1 / density, bounded: few vertices are far from all others."""
+    return 1.0 / np.maximum(density, 1e-9 * len(density))

@@ -1,0 +1,220 @@
+"""Geodesic distances that are measured on a proxy of the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, diags_array
+
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.errors import CapacityError
+from meshmark.mesh.geometry import area_vectors, face_areas, lengths, normalized, vertex_areas
+from meshmark.mesh.laplacian import stiffness_matrix
+from meshmark.mesh.proxy import Proxy, symmetric_factor
+from meshmark.mesh.topology import vertex_components
+from meshmark_plugins.schemes.apex.anchors.boundary_extension import extend_boundary
+from meshmark_plugins.schemes.apex.anchors.geodesics import (
+    DIFFUSION_LENGTH,
+    EXTENSION_WIDTH,
+    MIN_BORDER_LENGTH,
+    GeodesicDistances,
+)
+
+# What is added to the Laplacian, in masses, so that it can be inverted.
+POISSON_SHIFT = 1e-7
+# Smallest area, as a share of the mean one, that a triangle counts with. Cotangents are not bounded
+# otherwise: without those of obtuse angles, distances would be too short.
+MIN_TRIANGLE_AREA_SHARE = 1e-3
+# Radius, in mean distances between a proxy's vertices, of the patch about a source on which
+# distances are measured on the mesh itself, too, and the ring of it in which the two are compared.
+PATCH_RADIUS, RING = 7.0, (2.0, 6.0)
+# Diffusion length on the patch, in its own root areas.
+PATCH_DIFFUSION_LENGTH = 0.4
+# A patch whose area is larger than this times that of the proxy under it is full of noise, which
+# makes ways longer.
+MAX_ROUGHNESS = 1.1
+
+
+class EvenMeshDistances:
+    """Heat-method distances [1]_ on a mesh of even triangles, such as a proxy.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Vertex positions of one connected surface.
+    F : (f, 3) int
+        Triangles, turned alike.
+    unit : float
+        Length in which distances are given.
+
+    Raises
+    ------
+    CapacityError
+        If the surface is too degenerate to solve on.
+
+    Notes
+    -----
+    The diffusion length and the extension of borders are those of `GeodesicDistances`. The heat
+    flow makes a blunt tip of the cone that distance is; so what is interpolated between the corners
+    about a source is corrected by their straight distances from it.
+
+    References
+    ----------
+    .. [1] K. Crane, C. Weischedel, M. Wardetzky, "Geodesics in heat", ACM Transactions on
+       Graphics 32 (2013). doi:10.1145/2516971.2516977
+    """
+
+    def __init__(self, V: FloatArray, F: IntArray, unit: float) -> None:
+        root_area = float(np.sqrt(face_areas(V, F).sum()))
+        if root_area == 0.0:
+            raise CapacityError("the surface has no area")
+        self._V, self._units = (V - V.mean(axis=0)) / root_area, root_area / unit
+        U, F = extend_boundary(self._V, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH)
+        self._n_solved = len(U)
+        mass = diags_array(vertex_areas(U, F))
+        L = stiffness_matrix(F, _half_cotangents(U, F), len(U))
+        try:
+            self._heat = symmetric_factor(mass + DIFFUSION_LENGTH**2 * L)
+            self._poisson = symmetric_factor(L + POISSON_SHIFT * mass)
+        except RuntimeError as error:
+            raise CapacityError("distances cannot be measured: a singular matrix") from error
+        self._gradient = _scaled_gradient(U, F)
+        self._divergence = csr_matrix(self._gradient.T)
+
+    def from_vertex(self, source: int) -> FloatArray:
+        """Measure from one vertex to all, (n,) float64, in units."""
+        return self.from_point(np.array([source]), np.ones(1))
+
+    def from_point(self, corners: IntArray, shares: FloatArray) -> FloatArray:
+        """Measure from a point in a triangle to all vertices, (n,) float64, in units.
+
+        Parameters
+        ----------
+        corners : (k,) int
+            Corners of the triangle, or those of them that matter.
+        shares : (k,) float64
+            Barycentric coordinates of the point, summing to 1.
+        """
+        heat = np.zeros(self._n_solved)
+        heat[corners] = shares
+        slope = (self._gradient @ self._heat.solve(heat)).reshape(-1, 3)
+        away = -normalized(slope).ravel()
+        d: FloatArray = self._poisson.solve(0.5 * (self._divergence @ away))[: len(self._V)]
+        if not np.all(np.isfinite(d)):
+            raise CapacityError("distances cannot be measured: the surface is too degenerate")
+        V = self._V[corners]
+        cone = shares @ lengths(V - shares @ V)
+        return self._units * np.maximum(d - shares @ d[corners] + cone, 0.0)
+
+
+class ProxyDistances:
+    """Geodesic distances of a surface, measured on a proxy of it; see `GeodesicDistances`.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        Vertex positions of one connected surface; no vertex is unused.
+    F : (F, 3) int
+        Triangles.
+    proxy : Proxy
+        Of the surface.
+
+    Attributes
+    ----------
+    root_area : float
+        Square root of the surface's area, in which all distances are given.
+    V : (n, 3) float64
+        Positions of the proxy.
+    on_proxy : EvenMeshDistances
+        Distances from its vertices.
+
+    Raises
+    ------
+    CapacityError
+        If the surface is too degenerate to solve on.
+    """
+
+    def __init__(self, V: FloatArray, F: IntArray, proxy: Proxy) -> None:
+        self.root_area = float(np.sqrt(face_areas(V, F).sum()))
+        if self.root_area == 0.0:
+            raise CapacityError("the surface has no area")
+        self.proxy, self.V = proxy, proxy.fit(V)
+        self.on_proxy = EvenMeshDistances(self.V, proxy.faces, self.root_area)
+        self._of_mesh = V / self.root_area, F
+        own_area = face_areas(self.V, proxy.faces).sum()
+        self._spacing = float(np.sqrt(own_area / len(self.V))) / self.root_area
+
+    def from_vertex(self, source: int) -> FloatArray:
+        """Measure from one vertex to all, (N,) float64, in root areas."""
+        return self.from_vertices(np.array([source]))[0]
+
+    def from_vertices(self, sources: IntArray) -> FloatArray:
+        """Measure from each of several vertices, (S, N) float64, in root areas."""
+        return self.proxy.prolong(self.to_proxy(sources))
+
+    def to_proxy(self, sources: IntArray) -> FloatArray:
+        """Measure from each of several vertices to those of the proxy, (S, n), in root areas."""
+        return np.array([self._from_source(source) for source in sources.tolist()])
+
+    def _from_source(self, source: int) -> FloatArray:
+        row = self.proxy.prolongation[[source]]
+        d = self.on_proxy.from_point(row.indices, row.data)
+        return np.maximum(d - self._surplus(source, self.proxy.prolongation @ d), 0.0)
+
+    def _surplus(self, source: int, d: FloatArray) -> float:
+        """Find by how much d (N,), from a source, is longer near it than on the mesh itself.
+
+        There the proxy is coarse, and every distance inherits the error.
+        """
+        V, F = self._of_mesh
+        vertices, faces = _patch(F, d < PATCH_RADIUS * self._spacing, source)
+        on_proxy = (self.proxy.prolongation[vertices] @ self.V) / self.root_area
+        areas = face_areas(V[vertices], faces).sum(), face_areas(on_proxy, faces).sum()
+        if not len(faces) or areas[0] > MAX_ROUGHNESS * areas[1]:
+            return 0.0
+        try:
+            patch = GeodesicDistances(
+                V[vertices], faces, diffusion_length=PATCH_DIFFUSION_LENGTH, extended=False
+            )
+            near = patch.root_area * patch.from_vertex(int(np.searchsorted(vertices, source)))
+        except CapacityError:
+            return 0.0
+        ring = (near > RING[0] * self._spacing) & (near < RING[1] * self._spacing)
+        weights = ring * vertex_areas(V[vertices], faces)
+        return float(weights @ (d[vertices] - near) / weights.sum()) if weights.any() else 0.0
+
+
+def _patch(F: IntArray, inside: NDArray[np.bool_], source: int) -> tuple[IntArray, IntArray]:
+    """Cut the triangles about a vertex that are inside: vertices (k,), and triangles of those."""
+    faces = F[inside[F].all(axis=1)]
+    vertices, local = np.unique(faces, return_inverse=True)
+    local = local.reshape(-1, 3)
+    at = int(np.searchsorted(vertices, source))
+    if at == len(vertices) or vertices[at] != source:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int64)
+    label = vertex_components(local, len(vertices))
+    faces = faces[label[local[:, 0]] == label[at]]
+    vertices, local = np.unique(faces, return_inverse=True)
+    return vertices, local.reshape(-1, 3)
+
+
+def _half_cotangents(V: FloatArray, F: IntArray) -> FloatArray:
+    """Half the cotangent of the angle at each corner, (F, 3) float64, as it is."""
+    double_areas = 2.0 * face_areas(V, F)
+    double_areas = np.maximum(double_areas, MIN_TRIANGLE_AREA_SHARE * double_areas.mean())
+    sides = [V[F[:, k - 1]] - V[F[:, k - 2]] for k in range(3)]
+    return np.stack(
+        [-0.5 * np.vecdot(sides[k - 1], sides[k - 2]) / double_areas for k in range(3)], axis=1
+    )
+
+
+def _scaled_gradient(V: FloatArray, F: IntArray) -> csr_matrix:
+    """Gradients in triangles times twice the areas, of values at vertices, (3 F, N) sparse."""
+    normals = normalized(area_vectors(V, F))
+    across = np.stack(
+        [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)], axis=2
+    )
+    start = 3 * np.arange(3 * len(F) + 1)
+    return csr_matrix(
+        (across.ravel(), np.repeat(F, 3, axis=0).ravel(), start), (3 * len(F), len(V))
+    )
