@@ -53,6 +53,8 @@ def run(*command: object, cwd: Path) -> Run:
             cwd=cwd,
             stdout=out,
             process_group=0,
+            # A busy machine is no reason to give up reading.
+            env={"MESHMARK_READ_SECONDS": "600", **os.environ},
         )
         ended = Event()
         with ThreadPoolExecutor(1) as threads:

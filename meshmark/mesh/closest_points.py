@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import lengths
+from meshmark.mesh.geometry import lengths, normalized
 from meshmark.mesh.open3d_import import load_open3d
 
 
@@ -72,6 +72,11 @@ class ClosestPoints:
         a, b, c = self._corners(face)
         u, v, w = closest_in_triangle(Q, a, b, c).T[:, :, None]
         return u * a + v * b + w * c
+
+    def planes(self, face: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return a point and the unit normal, 0 without area, of triangles (n,), (n, 3) each."""
+        a, b, c = self._V[self._F].swapaxes(0, 1)
+        return a[face], normalized(np.cross(b - a, c - a))[face]
 
     def distances(self, Q: FloatArray) -> FloatArray:
         """Compute the distance of each query from the surface, (n,)."""

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from meshmark.mesh.closest_points import ClosestPoints, closest_in_triangle, sample_surface
 from meshmark.testing.attacks import sphere
+from meshmark.testing.meshes import icosphere
 
 TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
 
@@ -96,3 +97,13 @@ def test_a_surface_without_area_is_sampled_by_faces(V):
     assert P.max() <= V.max() + 1e-12
     found = np.abs(V[F].mean(axis=(0, 1)) - P.mean(axis=0)).max()
     assert found < 0.05 * max(float(np.ptp(V)), 1e-9)
+
+
+def test_planes_of_triangles_hold_their_corners():
+    V, F = icosphere(1)
+    P, n = ClosestPoints(V, F).planes(np.arange(len(F)))
+    np.testing.assert_allclose(np.einsum("fkx,fx->fk", V[F] - P[:, None], n), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0)
+    # A triangle without area has no plane.
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    np.testing.assert_array_equal(ClosestPoints(line, np.array([[0, 1, 2]])).planes([0])[1], 0.0)

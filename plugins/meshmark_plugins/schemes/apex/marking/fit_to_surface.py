@@ -36,12 +36,33 @@ def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> Float
     (N, 3) float64
         Vertices that slid over a bend cut its corner or stick out of it; these share the error
         between both sides, in the sense of least squares.
+
+    Notes
+    -----
+    Samples are drawn to the planes of the triangles that they are nearest to [1]_. Small moves
+    along normals hardly change which triangles these are, or how moves of vertices move samples.
+
+    References
+    ----------
+    .. [1] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
+       and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
-    # Moves along normals hardly change which triangle of the original is the closest.
-    nearest = original.faces(_samples(V, F).reshape(-1, 3))
+    P, M = original.planes(original.faces(_samples(V, F).reshape(-1, 3)))
+    P, M = P.reshape(len(F), -1, 3), M.reshape(len(F), -1, 3)
+    vectors, normals = area_vectors(V, F), vertex_normals(V, F)
+    areas, n = lengths(vectors), normalized(vectors)
+    weight = np.maximum(areas, 1e-3 * areas.mean())[:, None] / len(_TRIANGLE_SAMPLES)
+    along = np.einsum("fkx,fx->fk", normals[F], n)
+    A = _normal_equations(F, weight, along, len(V))
     for _ in range(FITTING_ROUNDS):
-        normals = vertex_normals(V, F)
-        V = V + _offsets(V, F, normals, original, nearest)[:, None] * normals
+        off = np.einsum("fsx,fsx->fs", P - _samples(V, F), M)
+        wanted = weight * off * np.einsum("fsx,fx->fs", M, n)
+        at_corners = along * (wanted @ _TRIANGLE_SAMPLES)
+        b = np.bincount(F.ravel(), at_corners.ravel(), len(V)).astype(np.float64)
+        offsets = conjugate_gradients(
+            A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
+        )
+        V = V + offsets[:, None] * normals
     return V
 
 
@@ -50,25 +71,17 @@ def _samples(V: FloatArray, F: IntArray) -> FloatArray:
     return _TRIANGLE_SAMPLES @ V[F]
 
 
-def _offsets(
-    V: FloatArray, F: IntArray, normals: FloatArray, original: ClosestPoints, nearest: IntArray
-) -> FloatArray:
-    n_samples = len(_TRIANGLE_SAMPLES)
-    vectors = area_vectors(V, F)
-    areas, n = lengths(vectors), normalized(vectors)
-    Q = _samples(V, F)
-    foot = original.points_in(nearest, Q.reshape(-1, 3)).reshape(Q.shape)
-    wanted = np.einsum("fsx,fx->fs", foot - Q, n)
-    weight = np.sqrt(np.maximum(areas, 1e-3 * areas.mean()) / n_samples)
-    along = np.einsum("fkx,fx->fk", normals[F], n) * weight[:, None]
-    values = _TRIANGLE_SAMPLES[None] * along[:, None, :]
-    rows = np.repeat(np.arange(len(F) * n_samples), 3)
-    columns = np.repeat(F, n_samples, axis=0).ravel()
-    M = csr_matrix((values.ravel(), (rows, columns)), shape=(len(F) * n_samples, len(V)))
-    A = csr_matrix(M.T @ M)
+def _normal_equations(
+    F: IntArray, weight: FloatArray, along: FloatArray, n_points: int
+) -> csr_matrix:
+    """Assemble the matrix (N, N) of least squares for offsets of vertices along their normals.
+
+    `weight` (F, 1) is that of a sample, `along` (F, 3) how far a triangle's plane moves with each
+    corner.
+    """
+    products = _TRIANGLE_SAMPLES.T @ _TRIANGLE_SAMPLES
+    by_corners = weight[:, :, None] * along[:, :, None] * along[:, None, :] * products
+    rows, columns = np.repeat(F, 3, axis=1), np.tile(F, 3)
+    A = csr_matrix((by_corners.ravel(), (rows.ravel(), columns.ravel())), shape=(n_points,) * 2)
     diagonal = A.diagonal()
-    A = csr_matrix(A + FIT_DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
-    b = M.T @ (wanted * weight[:, None]).ravel()
-    return conjugate_gradients(
-        A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
-    )
+    return csr_matrix(A + FIT_DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))

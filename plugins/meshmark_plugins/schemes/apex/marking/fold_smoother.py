@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.flip_guard import face_normals
 from meshmark.mesh.geometry import lengths
-from meshmark.mesh.topology import vertex_adjacency
+from meshmark.mesh.topology import any_corner, vertex_adjacency
 
 FOLD_SMOOTHING_ITERATIONS = 20
 # A face folds if the cosine of its tilt is less than this: it is smoothed sooner than the flip
@@ -53,19 +53,27 @@ class FoldSmoother:
             With few folds left; none is promised.
         """
         moves = d.reshape(-1, 3).copy()
+        suspects = np.arange(len(self._F))
         for _ in range(FOLD_SMOOTHING_ITERATIONS):
-            corners = np.unique(self._F[self.folded_faces(moves)])
+            corners = np.unique(self._F[suspects[self.folded_faces(moves, suspects)]])
             if corners.size == 0:
                 break
             moves[corners] = 0.5 * (moves[corners] + self._mean[corners] @ moves)
+            # No other face has changed; those that were folded are among these.
+            moved = np.zeros(len(moves), dtype=bool)
+            moved[corners] = True
+            suspects = np.flatnonzero(any_corner(moved, self._F))
         return moves.ravel()
 
-    def folded_faces(self, moves: FloatArray) -> NDArray[np.bool_]:
-        """Which faces tilt too far in some pose, (F,) bool, for moves (N, 3)."""
-        folded = np.zeros(len(self._F), dtype=bool)
-        for (P, G), before in zip(self._poses, self._normals, strict=True):
-            X = P + self._root_area * np.einsum("nij,nj->ni", G, moves)
-            after = face_normals(X, self._F)
+    def folded_faces(self, moves: FloatArray, faces: IntArray) -> NDArray[np.bool_]:
+        """Which of some faces (n,) tilt too far in some pose, (n,) bool, for moves (N, 3)."""
+        F = self._F[faces]
+        used = np.unique(F)
+        folded = np.zeros(len(faces), dtype=bool)
+        for (P, G), normals in zip(self._poses, self._normals, strict=True):
+            X = P.copy()
+            X[used] += self._root_area * np.einsum("nij,nj->ni", G[used], moves[used])
+            before, after = normals[faces], face_normals(X, F)
             size = lengths(before) * lengths(after)
             folded |= np.einsum("ij,ij->i", before, after) < MIN_TILT_COSINE * size
         return folded
