@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from meshmark.extension.defaults import DEFAULT_LAYERS
+
 Restored = Literal["none", "most", "all"]
 
 
@@ -84,6 +86,8 @@ LOOKS = (*QUICK, *THOROUGH)
 # Largest log10 of 1 / E that leaves hope, E the best e-value of the quick looks, corrected for
 # every search but that of looks: above it, they are the last.
 HOPE = 0.5
+# Schemes of which it was measured what that loses; by others, copies are looked at whole.
+GIVEN_UP = DEFAULT_LAYERS
 # Whoever asks for several names wants all that are in any mesh or frame: what the look at
 # everything did not spend is spent on that.
 NAMING = Look(None, "none", 1 / 2)

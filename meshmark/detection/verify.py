@@ -13,7 +13,16 @@ import numpy as np
 from meshmark.detection.decision import decide
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
-from meshmark.detection.looks import EVERYTHING, HOPE, LOOKS, NAMING, QUICK, Look, TakenLook
+from meshmark.detection.looks import (
+    EVERYTHING,
+    GIVEN_UP,
+    HOPE,
+    LOOKS,
+    NAMING,
+    QUICK,
+    Look,
+    TakenLook,
+)
 from meshmark.detection.verdict import TRIPLE, End, Verdict, jointly, together, without_weight
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe, default_layers
@@ -162,7 +171,8 @@ def verify_blindly(
             if verdict.verdict == "marked":
                 ended = "marked"
                 break
-            if look is QUICK[-1] and hope > HOPE and survey.can_give_up(views):
+            without_hope = hope > HOPE and all(name in GIVEN_UP for name in schemes)
+            if look is QUICK[-1] and without_hope and survey.can_give_up(views):
                 ended = "no hope"
                 survey.give_up(views)
                 break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tracemalloc
 from dataclasses import dataclass, field, replace
 
@@ -264,6 +265,12 @@ def test_more_frames_are_looked_at_only_while_they_do_not_decide(look) -> None:
     assert verdict.log10_p == pytest.approx(paid, abs=1e-12)
 
 
+@pytest.fixture
+def gives_up(monkeypatch) -> None:
+    """Let `verify` give up on what the oracle sees, as it does on what apex does."""
+    monkeypatch.setattr(sys.modules[verify.__module__], "GIVEN_UP", (NAME,))
+
+
 def verdict_on(scheme, n_frames=24, **asked) -> Verdict:
     return verify(still(n_frames), KEY, recipes=[OracleRecipe(scheme)], **asked)
 
@@ -275,6 +282,12 @@ def marked_unseen(n_frames) -> Oracle:
     return Oracle(given)
 
 
+def test_by_a_scheme_that_was_not_measured_nobody_gives_up() -> None:
+    found = verdict_on(marked_unseen(24), frames="auto")
+    assert (found.verdict, found.ended) == ("marked", "marked")
+
+
+@pytest.mark.usefixtures("gives_up")
 def test_without_hope_the_quick_looks_are_the_last() -> None:
     scheme = marked_unseen(24)
     found = verdict_on(scheme, frames="auto")
@@ -291,6 +304,7 @@ def test_without_hope_the_quick_looks_are_the_last() -> None:
     assert (whole.verdict, whole.ended, whole.notes) == ("marked", "marked", ())
 
 
+@pytest.mark.usefixtures("gives_up")
 def test_a_little_hope_is_enough_to_look_at_everything() -> None:
     found = verdict_on(hinted_at(new_frames(4)), frames="auto")
     assert (found.verdict, found.ended, len(found.looks)) == ("marked", "marked", 5)
@@ -301,6 +315,7 @@ def test_a_little_hope_is_enough_to_look_at_everything() -> None:
     assert (silent.verdict, silent.ended) == ("inconclusive", "no hope")
 
 
+@pytest.mark.usefixtures("gives_up")
 def test_nobody_gives_up_over_frames_that_cannot_be_read() -> None:
     scheme = marked_unseen(24)
     points = np.array([frame.points for frame in still(24)])
@@ -310,6 +325,7 @@ def test_nobody_gives_up_over_frames_that_cannot_be_read() -> None:
     assert found.verdict == "marked"
 
 
+@pytest.mark.usefixtures("gives_up")
 def test_giving_up_takes_the_rate_of_the_last_look_for_granted() -> None:
     # What 64 chips can reach is enough for half of this rate, and not for an eighth.
     reach = extract(still(1), noise_at([0]), NAME).reachable_log10_p
