@@ -12,6 +12,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, Vt
 
 from meshmark import verify
+from meshmark.commands.attack import attack_asset, make_attack
 from meshmark.commands.inspect import inspect_asset
 from meshmark.detection.informed_pairs import pairs, run_named
 from meshmark.embedding.asset import embed
@@ -239,3 +240,32 @@ def test_inspect_tells_the_runs() -> None:
     told = [(run["first"], run["last"], run["frames"]) for run in prim["runs"]]
     assert told == [(1, 1, 1), (2, 3, 2), (4, 4, 1)]
     assert [run["reason"] is None for run in prim["runs"]] == [False, True, True]
+
+
+@pytest.mark.slow
+def test_a_horse_that_is_simplified_and_remeshed_on_its_way(
+    tmp_path: Path, data_folder: Path
+) -> None:
+    """Two frames as they are, two simplified, two remeshed, with faces of their own each."""
+    asset = read_stage(str(data_folder / "horse-gallop.usdc"))
+    frames: list[Frame] = []
+    for attack in (None, "simplification", "remeshing-sdf"):
+        two = asset.meshes[0].select([len(frames), len(frames) + 1])
+        part = replace(asset, meshes=(two,))
+        frames += (part if attack is None else attack_asset(part, make_attack(attack), 0)).meshes[0]
+    horse = MeshAnimation.from_frames(frames, prim=PRIM)
+    assert len({frame.topology.n_points for frame in horse}) == 3
+    source, output = tmp_path / "horse.usdc", tmp_path / "out.usdc"
+    write_stage(as_asset(horse), source)
+    mark_file(source, output, KEY, recipe=BESIDE, deliver=True)
+    original, copy = read_stage(str(source)), read_stage(str(output))
+    for before, after in zip(original.meshes[0], copy.meshes[0], strict=True):
+        assert before.topology.digest() == after.topology.digest()
+        moves = np.abs(after.points - before.points).max()
+        assert 0 < moves < 0.01 * np.ptp(before.points, axis=0).max()
+    found = [
+        verify(copy, key, recipes=[BESIDE], original=original, frames="auto")
+        for key in (KEY, OTHER)
+    ]
+    assert [each.verdict for each in found] == ["marked", "not marked"]
+    assert found[0].log10_p < -100
