@@ -211,7 +211,7 @@ def identify(
     order = sorted(candidates, key=_rank)
     return Identification(
         source=suspect.source,
-        verdict=_answer(order, untried=left > 0 and not found),
+        verdict=_answer(order, untried=left > 0 or search.left_out > 0),
         candidates=tuple(order),
         hypotheses=search.hypotheses,
         notes=tuple(notes),
@@ -248,6 +248,8 @@ class _Search:
     ) -> None:
         self._suspect, self._fpr, self._jobs, self._progress = suspect, fpr, jobs, progress
         self.notes: list[str] = []
+        # What could not be looked for: nobody can say that it is not there.
+        self.left_out = 0
         self._known: list[_Known] = []
         lacking: dict[str, int] = {}
         for origin in origins:
@@ -257,8 +259,10 @@ class _Search:
             try:
                 self._known.append(_known(origin, keys[origin.key_id]))
             except MeshmarkError as error:
+                self.left_out += 1
                 self._note(f"{origin.asset} {origin.version}: {error.message}")
         for key_id, n in lacking.items():
+            self.left_out += n
             self._note(f"key {key_id} is missing: {n} copies were not looked for")
         self._groups: dict[tuple[str, ...], list[_Known]] = {}
         for known in self._known:
@@ -322,6 +326,7 @@ class _Search:
             )
         except MeshmarkError as error:
             # What was moved or changed since cannot be looked at; all else can.
+            self.left_out += 1
             paid = self._paid(alone, origin.hypotheses)
             return Candidate(known.key.id, paid, origin, why=error.message)
         both = jointly(alone, beside, share) if known.blind else beside
