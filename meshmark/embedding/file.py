@@ -22,6 +22,7 @@ from meshmark.embedding.manifest import (
     output_hashes,
     require_unmarked,
 )
+from meshmark.embedding.options import require_sensible
 from meshmark.embedding.outputs import check_output, master_keeper
 from meshmark.embedding.undoing import as_they_were
 from meshmark.errors import UsageError
@@ -35,7 +36,7 @@ from meshmark.sources.digests import require_unchanged, source_digests
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.sources.writing import read_back, writer
-from meshmark.usd.names import BAKE, FOLLOW, KEEP, READER, REST_POSE
+from meshmark.usd.names import BAKE, FOLLOW, READER
 from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
@@ -140,7 +141,7 @@ def mark_file(
         Nothing is written then, unless it is what was written that cannot be verified, or its
         source that changed meanwhile: the manifest says so (see `meshmark.embedding.manifest`).
     """
-    _require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel, primvars)
+    require_sensible(deliver, frames, allow_unmarked, keep_metadata, skel, primvars)
     target, layers = Path(output), in_order(recipe)
     recipient = None if recipient is None else recipient_name(recipient)
     require_unmarked(Path(source), key.id)
@@ -244,28 +245,6 @@ def _original(
     if trusted:
         return read(source, prims, parameters=parameters)
     return read_isolated(source, prims, parameters=parameters, textures=True)
-
-
-def _require_sensible(
-    deliver: bool,
-    frames: str | None,
-    allow_unmarked: Sequence[str],
-    keep_metadata: bool,
-    skel: str,
-    primvars: str,
-) -> None:
-    if skel not in (BAKE, REST_POSE):
-        raise UsageError(f"--skel {skel}: it must be {BAKE} or {REST_POSE}")
-    if primvars not in (FOLLOW, KEEP):
-        raise UsageError(f"--primvars {primvars}: it must be {FOLLOW} or {KEEP}")
-    if skel == REST_POSE and frames is not None:
-        raise UsageError("--skel rest with --frames: a rest pose shows in every frame")
-    if deliver and frames is not None:
-        raise UsageError("--deliver with --frames would deliver the other frames unmarked")
-    if allow_unmarked and not deliver:
-        raise UsageError("--allow-unmarked is for --deliver only")
-    if keep_metadata and not deliver:
-        raise UsageError("--keep-metadata is for --deliver only")
 
 
 def _stamps(marked: MarkedAsset, record: str) -> dict[str, Stamp]:
