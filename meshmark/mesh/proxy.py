@@ -248,16 +248,20 @@ def _prolongation(
     count = degree[nearest]
     # A sample is a corner of all of its triangles; one will do.
     count[samples] = 1
-    vertex = np.repeat(np.arange(len(V)), count)
-    turn = np.arange(len(vertex)) - np.repeat(np.cumsum(count) - count, count)
-    face = by_corner[first[nearest[vertex]] + turn]
-    a, b, c = (V[samples[corner]] for corner in faces[face].T)
-    share = closest_in_triangle(V[vertex], a, b, c)
-    u, v, w = share.T[:, :, None]
-    gap = lengths(u * a + v * b + w * c - V[vertex])
-    order = np.lexsort((gap, vertex))
-    best = order[np.searchsorted(vertex, np.arange(len(V)))]
+    gaps, places = np.full(len(V), np.inf), np.empty((len(V), 3))
+    faces_of = np.empty(len(V), dtype=np.int64)
+    # One triangle of each vertex at a time: all at once would take much memory.
+    for turn in range(int(count.max())):
+        rows = np.flatnonzero(count > turn)
+        face = by_corner[first[nearest[rows]] + turn]
+        a, b, c = (V[samples[corner]] for corner in faces[face].T)
+        share = closest_in_triangle(V[rows], a, b, c)
+        u, v, w = share.T[:, :, None]
+        gap = lengths(u * a + v * b + w * c - V[rows])
+        nearer = gap < gaps[rows]
+        rows = rows[nearer]
+        gaps[rows], places[rows], faces_of[rows] = gap[nearer], share[nearer], face[nearer]
     start = 3 * np.arange(len(V) + 1)
     return csr_matrix(
-        (share[best].ravel(), faces[face[best]].ravel(), start), shape=(len(V), len(samples))
+        (places.ravel(), faces[faces_of].ravel(), start), shape=(len(V), len(samples))
     )

@@ -12,7 +12,7 @@ from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Components of more vertices are measured on proxies of about so many.
-MOST_VERTICES, PROXY_VERTICES = 24_000, 12_000
+MOST_VERTICES, PROXY_VERTICES = 32_000, 12_000
 
 
 class Proxies:
