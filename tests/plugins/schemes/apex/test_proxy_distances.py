@@ -7,6 +7,7 @@ import pytest
 
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame
+from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import build_proxy
 from meshmark.mesh.topology import Topology
 from meshmark.testing.meshes import bent_tube, bumpy_sphere, icosphere, plane, torus
@@ -103,7 +104,7 @@ def test_a_pose_without_area_has_no_distances():
 
 @pytest.mark.parametrize(
     ("level", "n_samples", "least"),
-    [(4, 1_800, 0.85), pytest.param(6, 12_000, 0.95, marks=pytest.mark.slow)],
+    [(4, 1_800, 0.85), pytest.param(6, 12_000, 0.9, marks=pytest.mark.slow)],
 )
 def test_a_frame_reads_the_same_by_a_proxy(monkeypatch, level, n_samples, least):
     V, F = bumpy_sphere(level, HORNS)
@@ -116,7 +117,8 @@ def test_a_frame_reads_the_same_by_a_proxy(monkeypatch, level, n_samples, least)
     gaps = np.linalg.norm(V[by_proxy.vertices][:, None] - V[itself.vertices], axis=2)
     order = gaps.argmin(axis=1)
     assert sorted(order) == [0, 1, 2, 3]
-    assert gaps.min(axis=1).max() < 0.05
+    # A fiftieth of a root area: half a bin.
+    assert gaps.min(axis=1).max() < 0.02 * np.sqrt(face_areas(V, F).sum())
     np.testing.assert_allclose(by_proxy.descriptors, itself.descriptors[order], rtol=0.02)
     own, other = (each.soft[0] for each in (itself, by_proxy))
     assert np.corrcoef(own[order].ravel(), other.ravel())[0, 1] > least
