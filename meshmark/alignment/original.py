@@ -17,6 +17,7 @@ from meshmark.mesh.checks import require_extent, require_measurable
 from meshmark.mesh.closest_points import sample_surface
 from meshmark.mesh.frame_range import spread
 from meshmark.mesh.geometry import surface_box
+from meshmark.mesh.skinning import Skinning
 from meshmark.mesh.welding import Welding
 
 PAIRS = 1000
@@ -59,6 +60,12 @@ class Original:
     def welding(self) -> Welding:
         """Its vertices, coincident ones as one."""
         return Welding.of(self.animation[0])
+
+    @cached_property
+    def skinning(self) -> Skinning | None:
+        """How joints move its welded vertices, if it is known."""
+        found = self.animation.skinning
+        return None if found is None else found.of(self.welding.kept)
 
     @cached_property
     def samples(self) -> PoseSamples:

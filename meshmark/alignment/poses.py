@@ -9,6 +9,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
+from meshmark.mesh.skinning import Skinning, skinning_of
 
 REMEMBERED = 6
 
@@ -64,6 +65,9 @@ class _RememberedFrames:
             if len(self.kept) > REMEMBERED:
                 self.kept.popitem(last=False)
         return self.kept[index]
+
+    def skinning(self) -> Skinning | None:
+        return skinning_of(self.base)
 
 
 def _split(original: MeshAnimation, pose: float) -> tuple[int, float]:

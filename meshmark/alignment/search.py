@@ -19,6 +19,7 @@ from meshmark.alignment.fit import (
     NEAR,
     NOWHERE,
     REACH,
+    WELL,
     Fit,
     alike,
     best_of,
@@ -26,16 +27,18 @@ from meshmark.alignment.fit import (
     misfit,
     shortfall,
 )
+from meshmark.alignment.joints import moved_by_joints
 from meshmark.alignment.matching import ClosestAt, Matcher, PairedAt, SamplesAt
 from meshmark.alignment.original import Original
 from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import robust_similarity, similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
 from meshmark.alignment.reposing import is_posed_anew, reposed
+from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.frame_range import spread
-from meshmark.mesh.geometry import edge_length, face_areas, lengths
+from meshmark.mesh.geometry import edge_length, face_areas, lengths, vertex_normals
 
 IDENTITY, REPOSED, PCA, FEATURES = "identity", "reposed", "pca", "features"
 # Vertices that rough and exact placements are computed from, at most, and their rounds.
@@ -49,6 +52,8 @@ LONG = 0.95
 FITS_PAIRED = 0.03
 # Below, vertices slide along the surface: the closest points tell more of it than theirs.
 SLIDES = 0.1
+# Joints that leave less than this share of what the nearest pose leaves have taken another one.
+MUCH_BETTER = 0.5
 # Poses that a frame near to a known placement may start from.
 POSES = 4
 # Frames that are tried before nothing fits, and separate surfaces of a frame.
@@ -172,26 +177,59 @@ class Search:
             return None
         if rest.slip < SLIDES:
             found, _ = self._refined(some, found, ClosestAt(original), EXACT_ROUNDS)
-        return self._fit(frame, found, rest.slip)
+        fit = self._fit(frame, found, rest.slip)
+        return None if self._is_posed_anew(frame, fit) else fit
 
     def _by_reposing(self, frame: CopyFrame) -> Fit | None:
         """Place a frame of the same vertices and faces in a pose that the original never takes."""
+        moved = self._moved(frame)
+        if moved is None:
+            return None
+        placement, V, Q = moved
+        bent = reposed(V, Q, self._original.welding.topology)
+        distances = lengths(Q - bent) / self._original.diagonal
+        near = float((distances < NEAR).mean())
+        return Fit(placement, distances, near, near, 1.0)
+
+    def _moved(self, frame: CopyFrame) -> tuple[Placement, FloatArray, FloatArray] | None:
+        """Place a frame roughly, and move the original there by its joints, if they are known.
+
+        Returns
+        -------
+        placement : Placement
+        V, Q : (M, 3) float64
+            Welded vertices of the original, and where the copy has them.
+        """
         original, first = self._original, self._meshes[0][0]
         pose = original.pose_of(frame) if frame.n_points == original.n_points else None
         if pose is None or not first.topology.same_as(original.animation[0].topology):
             return None
         there, kept = posed(original.animation, round(pose)).points, original.welding.kept
-        Q = there.copy()
-        Q[frame.vertices] = frame.points
-        if not is_posed_anew(there[kept], Q[kept], original.welding.topology):
-            return None
         A = similarity(frame.points, there[frame.vertices], np.ones(len(frame.points)))
-        placement = Placement(A, float(round(pose)))
+        placement, Q = Placement(A, float(round(pose))), there.copy()
         Q[frame.vertices] = placement(frame.points)
-        apart = Q[kept] - reposed(there[kept], Q[kept], original.welding.topology)
-        distances = lengths(apart) / original.diagonal
-        near = float((distances < NEAR).mean())
-        return Fit(placement, distances, near, near, 1.0)
+        V, Q = there[kept], Q[kept]
+        if original.skinning is None:
+            fits = is_posed_anew(V, Q, original.welding.topology)
+        else:
+            V = moved_by_joints(original.skinning, V, Q)
+            apart = float(np.quantile(lengths(Q - V), KEPT))
+            fits = apart <= FITS_PAIRED * original.diagonal
+        return (placement, V, Q) if fits else None
+
+    def _is_posed_anew(self, frame: CopyFrame, fit: Fit) -> bool:
+        """Tell whether joints explain a frame much better than a pose of the original does."""
+        original = self._original
+        if original.skinning is None or fit.residual < WELL:
+            return False
+        moved = self._moved(frame)
+        if moved is None:
+            return False
+        placement, V, Q = moved
+        # Vertices may slide along the surface.
+        n = vertex_normals(V, original.welding.topology.triangles)
+        heights = np.abs(np.einsum("ij,ij->i", Q - V, n)) / original.diagonal
+        return Fit(placement, heights).residual < MUCH_BETTER * fit.residual
 
     def _by_axes(self, frame: CopyFrame) -> Fit | None:
         best = None

@@ -11,11 +11,12 @@ import numpy as np
 
 from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.joints import moved_by_joints
 from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
 from meshmark.alignment.reposing import reposed
 from meshmark.alignment.search import IDENTITY, REPOSED
-from meshmark.arrays import IntArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
 from meshmark.detection.informed_pairs import pairs, run_named
 from meshmark.detection.original_layout import OriginalLayout
@@ -28,6 +29,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.frame_range import has_frame_in
 from meshmark.mesh.geometry import vertex_normals
+from meshmark.mesh.skinning import Skinning
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
 from meshmark.workers.progress import MeshProgress
@@ -244,6 +246,20 @@ class _Reading:
         kept = np.flatnonzero(vertices >= 0)
         return kept, vertices[kept]
 
+    @cached_property
+    def _skinning(self) -> Skinning | None:
+        """How joints move the reference, if it is known; else the original."""
+        found = self.reference.skinning or self.found.original.skinning
+        return None if found is None else found.of(self.on.welding.kept)
+
+    def _bent(self, V: FloatArray, Q: FloatArray) -> Iterator[FloatArray]:
+        """Bend the reference to a pose that it never takes, in each way that may suit it."""
+        if self._skinning is not None:
+            V = moved_by_joints(self._skinning, V, Q)
+            yield V
+        # Joints do not explain blend shapes, nor what other programs make of a rig.
+        yield reposed(V, Q, self.on.polygons)
+
     def _views(self, placement: FramePlacement) -> Iterator[AlignedFrame]:
         """Lay a frame of the copy upon the reference, by one map after the other."""
         kept_points = self.on.welding.kept
@@ -255,13 +271,14 @@ class _Reading:
         for name in self.maps:
             points = placement.maps[name](frame.points)
             normals = vertex_normals(points, frame.faces)
-            reference, rate = under, velocity
+            shown = [(under, velocity)]
             if self.found.method == REPOSED:
                 Q = pose.points.copy()
                 Q[frame.vertices] = points
-                bent = reposed(under.points, Q[kept_points], self.on.polygons)
-                reference, rate = under.moved(bent), np.zeros_like(velocity)
-            yield AlignedFrame(reference, rate, points[kept], normals[kept], vertices)
+                bent = self._bent(under.points, Q[kept_points])
+                shown = [(under.moved(V), np.zeros_like(V)) for V in bent]
+            for reference, rate in shown:
+                yield AlignedFrame(reference, rate, points[kept], normals[kept], vertices)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError, UsageError
+from meshmark.mesh.skinning import Skinning, skinning_of
 from meshmark.mesh.topology import Topology
 
 
@@ -86,6 +87,10 @@ class SelectedFrames:
     def frame(self, index: int) -> Frame:
         """Read the frame that is number `index` of the selection."""
         return self.base.frame(self.indices[index])
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move the points of all frames, if that is known."""
+        return skinning_of(self.base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +192,11 @@ class MeshAnimation:
         topology = Topology.from_triangles(faces, stack.shape[1])
         frames = [Frame(float(t), P, topology) for t, P in zip(clock, stack, strict=True)]
         return cls.from_frames(frames, prim=prim, origin=origin)
+
+    @property
+    def skinning(self) -> Skinning | None:
+        """How joints move its points, if its source knows."""
+        return skinning_of(self.source)
 
     def map(self, function: Callable[[Frame], Frame]) -> MeshAnimation:
         """Return this animation seen through `function`, applied lazily frame by frame.

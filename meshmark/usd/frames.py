@@ -10,6 +10,7 @@ from pxr import Usd
 
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.mesh.animation import Frame
+from meshmark.mesh.skinning import Skinning
 from meshmark.mesh.topology import Topology
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import number_of_points, read_topology
@@ -67,6 +68,12 @@ class StageFrames:
             if self.reference is not None:
                 topology = self._shared(opened, prim)
             return Frame(time, points, topology)
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move the points, if they do; see `MeshPoints.skinning`."""
+        opened = open_stage(self.source, self.variants)
+        with blamed(self.source, self.prim):
+            return opened.points.of(opened.stage.GetPrimAtPath(self.prim)).skinning()
 
     def _shared(self, opened: OpenStage, prim: Usd.Prim) -> Topology:
         assert self.reference is not None

@@ -13,9 +13,11 @@ from pxr import Sdf, Usd
 from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.checks import require_measurable
+from meshmark.mesh.skinning import Skinning
 from meshmark.usd.blend_shapes import shared_shapes
 from meshmark.usd.diagnostics import caught
 from meshmark.usd.geometry import REST, local_points, local_to_world, sample_times, world_points
+from meshmark.usd.influences import Influences
 from meshmark.usd.skinning import Rig, rigs_below, skel_root
 
 Points = NDArray[np.floating]
@@ -56,6 +58,20 @@ class MeshPoints:
     def has_rest_pose(self) -> bool:
         """Whether a rig poses them, and from the same rest pose at all times."""
         return self.rig is not None and bool(np.isnan(sample_times(self.prim)).all())
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move them; None if they do not, or not always alike.
+
+        Raises
+        ------
+        InputError
+            As `local`.
+        """
+        if self.rig is None or not self.has_rest_pose:
+            return None
+        rest = self.local(REST).astype(np.float64)
+        found = self.rig.influences or Influences.of(self.rig.skinning, len(rest))
+        return None if found is None else Skinning.fit(rest, found.indices, found.weights)
 
     def local(self, time: float) -> Points:
         """Return them in the prim's own space and type, (N, 3); at `REST`, before a rig poses them.

@@ -23,12 +23,14 @@ from meshmark.errors import InputError, UsageError
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.skinning import Skinning
 from meshmark.sources.digests import source_digests
 from meshmark.sources.facts import texture_coordinates
 from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
 from meshmark.testing.meshes import icosphere
+from rigged_stages import bent_tube
 from usd_stages import CUBE_POINTS, cube, nested_references, sampled, write_text
 
 CRASHING = FAULTS / "crate-crash" / "usdc.1.205.usdc"
@@ -90,7 +92,11 @@ def changing_faces(folder: Path) -> str:
     return str(folder / "ball.*.obj")
 
 
-@pytest.mark.parametrize("make", [textured, with_bad_frame, changing_faces])
+def rigged(folder: Path) -> str:
+    return bent_tube(folder / "arm.usda")
+
+
+@pytest.mark.parametrize("make", [textured, with_bad_frame, changing_faces, rigged])
 def test_what_is_read_apart_is_what_is_read_here(tmp_path, scratch, make) -> None:
     source = make(tmp_path)
     apart, here = read(source, isolated=True), read(source)
@@ -117,6 +123,14 @@ def assert_same(apart: Asset, here: Asset) -> None:
                 np.testing.assert_equal(getattr(mine, item.name), getattr(other, item.name))
         for index in range(len(other)):
             assert_same_frame(mine, other, index)
+        assert_same_skinning(mine.skinning, other.skinning)
+
+
+def assert_same_skinning(mine: Skinning | None, other: Skinning | None) -> None:
+    assert (mine is None) == (other is None)
+    if mine is not None and other is not None:
+        for item in fields(Skinning):
+            np.testing.assert_array_equal(getattr(mine, item.name), getattr(other, item.name))
 
 
 def assert_same_frame(mine: MeshAnimation, other: MeshAnimation, index: int) -> None:
@@ -254,6 +268,16 @@ MEDDLING = {
     "an error elsewhere": lambda report: report["asset"]["meshes"][0].update(
         failed={"99": {"kind": "InputError", "message": "", "source": "", "prim": "", "time": 0}}
     ),
+    "joints elsewhere": lambda report: report["asset"]["meshes"][0].update(
+        skinned=[0, 0, 1 << 40, 8, 2]
+    ),
+    "joints of other points": lambda report: report["asset"]["meshes"][0].update(
+        skinned=[0, 0, 0, 3, 1]
+    ),
+    "joints without end": lambda report: report["asset"]["meshes"][0].update(
+        skinned=[0, 0, 0, 8, 1 << 60]
+    ),
+    "joints of text": lambda report: report["asset"]["meshes"][0].update(skinned=["a"] * 5),
     "a unit of text": lambda report: report["asset"].update(meters_per_unit="long"),
     "files without hashes": lambda report: report.update(files=[["a"]]),
 }

@@ -14,7 +14,7 @@ from meshmark.errors import InputError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.usd.reading import read_stage
 from meshmark.usd.writing import write_override
-from rigged_stages import BENDS, Rigged, bent, bent_tube, rotation, tube, twisted
+from rigged_stages import BENDS, Rigged, bent, bent_tube, elbow_weights, rotation, tube, twisted
 from usd_stages import read_one
 
 CLOSE = 1e-6
@@ -50,6 +50,26 @@ def test_dual_quaternions_twist_it_without_thinning(tmp_path: Path) -> None:
     points = at(read_one(rigged.save()), 2)
     np.testing.assert_allclose(points, twisted(150), atol=CLOSE)
     np.testing.assert_allclose(np.hypot(*points[:, 1:].T), 0.2, atol=CLOSE)
+
+
+def test_a_mesh_knows_which_joints_move_it(tmp_path: Path) -> None:
+    found = read_one(bent_tube(tmp_path / "a.usda")).skinning
+    assert found is not None
+    w = elbow_weights(tube()[0])
+    np.testing.assert_allclose(found.rest, tube()[0], atol=CLOSE)
+    np.testing.assert_array_equal(found.joints, [[0, 1]] * len(w))
+    np.testing.assert_allclose(found.weights, np.stack([1 - w, w], axis=1))
+
+
+def test_rest_points_that_move_and_rigid_meshes_tell_of_no_joints(tmp_path: Path) -> None:
+    moving = Rigged.at(tmp_path / "a.usda")
+    moving.add_tube().GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(tube()[0].astype("f4")), 2.0)
+    assert read_one(moving.save()).skinning is None
+    rigid = Rigged.at(tmp_path / "b.usda")
+    binding = UsdSkel.BindingAPI(rigid.add_tube().GetPrim())
+    binding.CreateJointIndicesPrimvar(True, 1).Set([1])
+    binding.CreateJointWeightsPrimvar(True, 1).Set([1.0])
+    assert read_one(rigid.save()).skinning is None
 
 
 def test_blend_shapes_pass_their_in_between_and_are_bent_then(tmp_path: Path) -> None:

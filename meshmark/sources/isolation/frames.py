@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import MeshmarkError
 from meshmark.mesh.animation import Frame
+from meshmark.mesh.skinning import Skinning
 from meshmark.mesh.topology import Topology
 
 FLOAT, INT = np.dtype("<f8"), np.dtype("<i8")
@@ -23,6 +24,10 @@ ITEM = 8  # bytes of either
 # What the columns of a table of frames, and of one of topologies, say.
 POINTS_AT, N_POINTS, TOPOLOGY = range(3)
 COUNTS_AT, N_COUNTS, INDICES_AT, N_INDICES = range(4)
+
+
+# Where the rest pose, the joints and the weights of a skinning begin, points, and joints of each.
+Places = tuple[int, int, int, int, int]
 
 
 class ArrayWriter:
@@ -87,6 +92,8 @@ class IsolatedFrames:
         Where counts begin, how many there are, and the same of indices.
     errors : mapping of int to MeshmarkError
         Why a frame cannot be read.
+    skinned : Places or None
+        Where it says how joints move the points.
     """
 
     path: Path
@@ -94,6 +101,7 @@ class IsolatedFrames:
     table: IntArray
     topologies: IntArray
     errors: Mapping[int, MeshmarkError]
+    skinned: Places | None = None
     _owner: object = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -104,6 +112,12 @@ class IsolatedFrames:
         numbers = readable[:, TOPOLOGY]
         if ((numbers < 0) | (numbers >= len(self.topologies))).any():
             raise ValueError("a frame without topology")
+        if self.skinned is not None:
+            *begins, n_points, n = self.skinned
+            counts = n_points * np.array([3.0, n, n])
+            require_within(self.path, np.array(begins), counts)
+            if (readable[:, N_POINTS] != n_points).any():
+                raise ValueError("joints of other points")
 
     def __getstate__(self) -> dict[str, object]:
         return {**vars(self), "_owner": None}
@@ -117,6 +131,17 @@ class IsolatedFrames:
         points = read_floats(self.path, begin, n_points, 3)
         topology = _topology(self.path, *self.topologies[number].tolist(), n_points)
         return Frame(float(self.times[index]), points, topology)
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move the points, if it was known."""
+        if self.skinned is None:
+            return None
+        rest, joints, weights, n_points, n = self.skinned
+        return Skinning.fit(
+            read_floats(self.path, rest, n_points, 3),
+            read_integers(self.path, joints, n_points, n),
+            read_floats(self.path, weights, n_points, n),
+        )
 
 
 # Frames of constant topology share one in each process.

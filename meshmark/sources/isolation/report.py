@@ -25,6 +25,7 @@ from meshmark.sources.facts import texture_coordinates
 from meshmark.sources.isolation.frames import (
     ArrayWriter,
     IsolatedFrames,
+    Places,
     read_floats,
     read_integers,
     require_within,
@@ -151,7 +152,16 @@ def _describe_frames(
         "topologies": len(topologies),
         "topology_table": arrays.add(np.array(topologies, dtype=np.int64).reshape(-1, 4)),
         "failed": failed,
+        "skinned": _describe_skinning(mesh, arrays),
     }
+
+
+def _describe_skinning(mesh: MeshAnimation, arrays: ArrayWriter) -> Places | None:
+    found = mesh.skinning
+    if found is None:
+        return None
+    rest, joints, weights = map(arrays.add, (found.rest, found.joints, found.weights))
+    return rest, joints, weights, *found.joints.shape
 
 
 def _describe_textures(asset: Asset, prim: str, arrays: ArrayWriter) -> Any:
@@ -206,6 +216,7 @@ def _mesh_from(told: Mapping[str, Any], path: Path, owner: object) -> MeshAnimat
         table=read_integers(path, _checked(int, told["table"]), n_frames, 3),
         topologies=read_integers(path, _checked(int, told["topology_table"]), n_topologies, 4),
         errors={int(index): error_from(error) for index, error in told["failed"].items()},
+        skinned=_checked(Places | None, told["skinned"]),
         _owner=owner,
     )
     return MeshAnimation(times=times, source=frames, **_fields_from(MeshAnimation, told))

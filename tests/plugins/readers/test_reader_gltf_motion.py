@@ -128,6 +128,18 @@ def test_vertices_without_joints_stay_with_the_node(read):
     np.testing.assert_allclose(mesh[0].points, wanted, atol=1e-6)
 
 
+def test_meshes_know_which_joints_move_them(read):
+    weights = [[0, 0, 0, 0], [0, 1, 0, 0], [0.5, 0.5, 0, 0], [3, 1, 0, 0]]
+    found = read(skinned_quad(weights)).meshes[0].skinning
+    np.testing.assert_allclose(found.rest, QUAD, atol=1e-6)
+    of_joints = np.zeros((4, 3))
+    np.add.at(of_joints, (np.arange(4)[:, None], found.joints), found.weights)
+    # The last stands for the node.
+    wanted = [[0, 0, 1], [0, 1, 0], [0.5, 0.5, 0], [0.75, 0.25, 0]]
+    np.testing.assert_allclose(of_joints, wanted, atol=1e-6)
+    assert read(quad()).meshes[0].skinning is None
+
+
 def morphing_quad():
     made = quad()
     up = np.tile(UP, (4, 1))

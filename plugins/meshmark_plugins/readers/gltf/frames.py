@@ -10,6 +10,7 @@ from meshmark.arrays import FloatArray
 from meshmark.errors import InputError
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.checks import require_measurable
+from meshmark.mesh.skinning import Skinning
 from meshmark_plugins.readers.gltf.clips import Row
 from meshmark_plugins.readers.gltf.geometry import Geometry, rest_points
 from meshmark_plugins.readers.gltf.poses import Rig
@@ -59,6 +60,13 @@ class GltfFrames:
         except InputError as error:
             raise InputError(error.message, source=self.source, prim=self.prim, time=time) from None
         return Frame(time, points, self.geometry.topology)
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move the points, if there is a skin."""
+        if self.binding is None:
+            return None
+        rest = rest_points(self.geometry.vertices, self.weights)
+        return Skinning.fit(rest, self.binding.joints, self.binding.weights)
 
     def derivative(self, index: int) -> FloatArray:
         """Return how points of frame `index` follow those at rest: (N, 3, 3), or (1, 3, 3)."""
