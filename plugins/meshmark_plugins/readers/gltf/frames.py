@@ -66,7 +66,7 @@ class GltfFrames:
         if self.binding is None:
             return None
         rest = rest_points(self.geometry.vertices, self.weights)
-        return Skinning.fit(rest, self.binding.joints, self.binding.weights)
+        return Skinning.fit(rest, *self.binding.listed())
 
     def derivative(self, index: int) -> FloatArray:
         """Return how points of frame `index` follow those at rest: (N, 3, 3), or (1, 3, 3)."""

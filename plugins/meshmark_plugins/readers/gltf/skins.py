@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark_plugins.readers.gltf.accessors import Accessors
 from meshmark_plugins.readers.gltf.element import Element
@@ -71,6 +71,14 @@ class Binding:
         ends = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
         shape = len(weights), len(self.inverse_bind)
         return csr_matrix((weights[used], joints[used], ends), shape=shape)
+
+    def listed(self) -> tuple[IntArray, FloatArray]:
+        """List the joints of each vertex, and their weights, (N, n); 0 where there are fewer."""
+        counts = np.diff(self.weights.indptr)
+        used = np.arange(counts.max(initial=0)) < counts[:, None]
+        joints, weights = np.zeros(used.shape, dtype=np.int64), np.zeros(used.shape)
+        joints[used], weights[used] = self.weights.indices, self.weights.data
+        return joints, weights
 
     def blended(self, worlds: FloatArray) -> FloatArray:
         """Return the matrix of each vertex, (N, 3, 4); see `skinned`."""
