@@ -12,7 +12,9 @@ FLAT = 1e-6
 ROUNDS = 30
 
 
-def similarity(X: FloatArray, Y: FloatArray, w: FloatArray) -> FloatArray:
+def similarity(
+    X: FloatArray, Y: FloatArray, w: FloatArray, *, mirrors: bool | None = None
+) -> FloatArray:
     """Find the map x -> s R x + t with the least weighted squares, mirrors included.
 
     Parameters
@@ -21,6 +23,8 @@ def similarity(X: FloatArray, Y: FloatArray, w: FloatArray) -> FloatArray:
         Points and what they are to be mapped to.
     w : (n,) float64
         Weights, not all zero.
+    mirrors : bool, optional
+        Whether it is to be a mirror image; by default, where that fits better.
 
     Returns
     -------
@@ -38,7 +42,9 @@ def similarity(X: FloatArray, Y: FloatArray, w: FloatArray) -> FloatArray:
     U, D, Vt = np.linalg.svd((y * w[:, None]).T @ x)
     # What is flat is its own mirror image: it is turned instead.
     flat = D[2] <= FLAT * D[0]
-    S = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) if flat else 1.0])
+    turned = np.sign(np.linalg.det(U @ Vt))
+    last = (turned if flat else 1.0) if mirrors is None else (-turned if mirrors else turned)
+    S = np.array([1.0, 1.0, last])
     spread = float(w @ (x * x).sum(axis=1))
     A = (D @ S) / spread * (U * S) @ Vt if spread > 0 else np.eye(3)
     return np.column_stack([A, mean_y - A @ mean_x])

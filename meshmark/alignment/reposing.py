@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags_array, eye_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import Topology, polygon_edges
 
@@ -35,6 +35,15 @@ def is_posed_anew(V: FloatArray, Q: FloatArray, topology: Topology) -> bool:
     if not 0.0 < scale < np.inf:
         return False
     return bool(np.quantile(np.abs(stretch / scale - 1.0), MOST) < STRETCHED)
+
+
+def is_mirrored(V: FloatArray, Q: FloatArray, F: IntArray) -> bool:
+    """Tell whether a surface (N, 3) in another pose Q is a mirror image.
+
+    Joints that turn leave the sign of the volume that it encloses, as far as it does.
+    """
+    volume = [np.linalg.det((P - P.mean(axis=0))[F]).sum() for P in (V, Q)]
+    return bool(volume[0] * volume[1] < 0.0)
 
 
 def reposed(V: FloatArray, Q: FloatArray, topology: Topology) -> FloatArray:

@@ -33,7 +33,7 @@ from meshmark.alignment.original import Original
 from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import robust_similarity, similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
-from meshmark.alignment.reposing import is_posed_anew, reposed
+from meshmark.alignment.reposing import is_mirrored, is_posed_anew, reposed
 from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
@@ -205,8 +205,14 @@ class Search:
         if pose is None or not first.topology.same_as(original.animation[0].topology):
             return None
         there, kept = posed(original.animation, round(pose)).points, original.welding.kept
-        A = similarity(frame.points, there[frame.vertices], np.ones(len(frame.points)))
-        placement, Q = Placement(A, float(round(pose))), there.copy()
+        # In another pose, a mirror image may come nearer, and turns what stands out inwards.
+        Q = there.copy()
+        Q[frame.vertices] = frame.points
+        mirrors = is_mirrored(there[kept], Q[kept], original.welding.topology.triangles)
+        P, ones = there[frame.vertices], np.ones(len(frame.points))
+        placement = Placement(
+            similarity(frame.points, P, ones, mirrors=mirrors), float(round(pose))
+        )
         Q[frame.vertices] = placement(frame.points)
         V, Q = there[kept], Q[kept]
         if original.skinning is None:

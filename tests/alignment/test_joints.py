@@ -148,6 +148,15 @@ def test_a_pose_that_bends_edges_is_placed() -> None:
     assert found.residual < 1e-6
 
 
+@pytest.mark.parametrize("mirror", [False, True])
+def test_only_a_mirror_image_is_placed_as_one(mirror: bool) -> None:
+    A = similarity(3, mirror=mirror)
+    for seed in range(20):
+        copy = animated(pose(seed, 100.0)).map(lambda frame: frame.moved(mapped(A, frame.points)))
+        placed = align_mesh(copy, animated(*POSES), [0]).frames[0].maps["similarity"]
+        assert (np.linalg.det(placed.matrix[:, :3]) < 0.0) == mirror
+
+
 def test_a_pose_near_to_one_of_the_original_is_told_from_it() -> None:
     original = animated(*POSES)
     near = [pose(0, 12.0), *POSES]
