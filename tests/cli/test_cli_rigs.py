@@ -46,16 +46,8 @@ def verdict(studio: Path, patch: pytest.MonkeyPatch, copy: str, key: str = "k") 
     )
 
 
-@pytest.mark.parametrize(
-    "copy",
-    [
-        "rest.usda",
-        *(
-            pytest.param(copy, marks=pytest.mark.slow)
-            for copy in ("bake.usda", "bake-all.usdc", "rest-all.usdc")
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("copy", ["bake.usda", "rest.usda", "bake-all.usdc", "rest-all.usdc"])
 def test_the_mark_is_found_and_is_nobody_else_s(
     studio: Path, monkeypatch: pytest.MonkeyPatch, copy: str
 ) -> None:
