@@ -269,6 +269,7 @@ def test_the_command_writes_a_report_and_tells_by_its_exit_code(
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_without_matplotlib_all_else_is_written(source, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("meshmark.benchmarking.plots.find_spec", lambda name: None)
     monkeypatch.setitem(SUITES, "tsai2014", Suite("tsai2014", SUITE.cells[:1]))

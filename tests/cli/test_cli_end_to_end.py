@@ -316,6 +316,7 @@ def test_broken_evidence_is_refused(run, studio) -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_evidence_of_another_machine_is_for_information_only(run, studio, monkeypatch) -> None:
     asked = ("verify", "marked.usda", "--key", "k", "--scheme", "apex", "--evidence", "theirs")
     assert run(*asked)[0] == 0
@@ -381,6 +382,7 @@ def test_distortion_is_kept_within_its_limit(run, studio) -> None:
     assert "max_mrms" in err
 
 
+@pytest.mark.slow
 def test_what_does_not_move_is_in_every_range(run, studio) -> None:
     floor = """
     def Mesh "Floor"

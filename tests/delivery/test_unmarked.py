@@ -146,8 +146,14 @@ def test_a_small_mesh_that_can_hold_no_mark_is_told_of(run: Run, tmp_path: Path)
 
 @pytest.mark.parametrize(
     "points",
-    [CUBE_POINTS * 3, np.random.default_rng(0).random((500, 3)).astype(np.float32) * 0.01],
-    ids=["large", "many points"],
+    [
+        pytest.param(CUBE_POINTS * 3, id="large"),
+        pytest.param(
+            np.random.default_rng(0).random((500, 3)).astype(np.float32) * 0.01,
+            id="many points",
+            marks=pytest.mark.slow,
+        ),
+    ],
 )
 def test_a_considerable_mesh_that_can_hold_no_mark_stops(
     run: Run, tmp_path: Path, points: np.ndarray

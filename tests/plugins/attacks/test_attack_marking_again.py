@@ -36,6 +36,7 @@ def again(animation, seed=0, copies=1):
     return RECORD.factory(copies=copies).apply(animation, np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_several_copies_are_averaged():
     animation, rng = star(), np.random.default_rng(0)
     keys = [Key(rng.bytes(KEY_BYTES)) for _ in range(2)]
