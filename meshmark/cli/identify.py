@@ -14,7 +14,7 @@ from meshmark.cli.options import JsonOption, TrustedOption
 from meshmark.errors import MeshmarkError
 
 if TYPE_CHECKING:
-    from meshmark.commands.identify import Candidate, Identification
+    from meshmark.commands.identification import Candidate, Identification
 
 KEYS_VARIABLE = "MESHMARK_KEYS"
 MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
