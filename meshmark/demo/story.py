@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from meshmark.commands.attack import attack_asset, write_attacked
 from meshmark.demo import write_creature
 from meshmark.detection.verdict import Verdict
@@ -99,6 +101,7 @@ def _ask(source: Path, key: Key, jobs: int) -> Verdict:
 
 
 def _row(label: str, verdict: Verdict) -> str:
-    errors = [prim.finding.errors.average for prim in verdict.prims]
-    ber = f"{errors[0]:.3f}" if errors else "-"
+    rate = verdict.prims[0].finding.errors.average if verdict.prims else np.nan
+    # A short look may decide no bit.
+    ber = "-" if np.isnan(rate) else f"{rate:.3f}"
     return f"{label:<42}{verdict.verdict:<15}{verdict.log10_p:>8.1f}{ber:>9}"
