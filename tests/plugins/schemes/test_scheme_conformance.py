@@ -67,6 +67,10 @@ class TestCho2007(BuiltInBinned, BinnedSchemeSuite):
 class TestApex(BuiltIn, SchemeSuite):
     name = "apex"
 
+    @pytest.mark.slow
+    def test_equal_keys_give_equal_marks_by_any_number_of_workers(self, scheme, animation):
+        super().test_equal_keys_give_equal_marks_by_any_number_of_workers(scheme, animation)
+
     @pytest.fixture
     def tolerance(self):
         return 1e-9
