@@ -13,8 +13,18 @@ from typing import Any
 import typer
 
 FEW = 3
+# Exit codes of answers.
+MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 
 BEAT_EVERY = 10.0  # seconds
+
+
+def exit_code(answers: Iterable[str]) -> int:
+    """Return 0 if all are marked, else 1 if one is not, else 4."""
+    told = set(answers)
+    if "not marked" in told:
+        return NOT_MARKED
+    return INCONCLUSIVE if "inconclusive" in told else MARKED
 
 
 def say(text: str) -> None:

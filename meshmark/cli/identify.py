@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import complain, frame_progress, put_json, say, warn
+from meshmark.cli.console import complain, exit_code, frame_progress, put_json, say, warn
 from meshmark.cli.ledger import LedgerOption, opened
 from meshmark.cli.options import JsonOption, TrustedOption
 from meshmark.errors import MeshmarkError
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from meshmark.commands.identification import Candidate, Identification
 
 KEYS_VARIABLE = "MESHMARK_KEYS"
-MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 # Candidates that are printed.
 MOST_SHOWN = 4
 
@@ -89,9 +88,7 @@ def identify(
         _tell(found[-1])
     if json:
         put_json({"ledger": kept.name, "suspects": [each.as_json() for each in found]})
-    answers = {each.verdict for each in found}
-    code = NOT_MARKED if "not marked" in answers else MARKED
-    code = worst or code or (INCONCLUSIVE if "inconclusive" in answers else MARKED)
+    code = worst or exit_code(each.verdict for each in found)
     if code:
         raise typer.Exit(code)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from meshmark.cli.console import complain, frame_progress, put_json, say, warn
+from meshmark.cli.console import complain, exit_code, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from meshmark.mesh.asset import Asset
     from meshmark.workers.progress import MeshProgress
 
-MARKED, NOT_MARKED, INCONCLUSIVE = 0, 1, 4
 # Of more meshes than this, only those with the lowest p are printed.
 MOST_SHOWN = 8
 
@@ -156,17 +155,9 @@ def verify(
         _tell_of_manifest(source)
     if json:
         put_json({"assets": [verdict.as_json() for verdict in verdicts]})
-    code = worst or exit_code(verdicts)
+    code = worst or exit_code(verdict.verdict for verdict in verdicts)
     if code:
         raise typer.Exit(code)
-
-
-def exit_code(verdicts: Sequence[Verdict]) -> int:
-    """Return 0 if all are marked, else 1 if one is not, else 4."""
-    answers = {verdict.verdict for verdict in verdicts}
-    if "not marked" in answers:
-        return NOT_MARKED
-    return INCONCLUSIVE if "inconclusive" in answers else MARKED
 
 
 def _recipes(
