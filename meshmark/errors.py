@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+# Shows where a bug is, instead of one line about it.
+DEBUG_VARIABLE = "MESHMARK_DEBUG"
+
 
 class MeshmarkError(Exception):
     """Base of every error meshmark raises on purpose.
@@ -107,3 +110,11 @@ class WorkerError(MeshmarkError):
     """A worker process that was ended from outside, or by a crash in native code."""
 
     exit_code = 5
+
+
+def of_a_bug(error: Exception) -> str:
+    """Say of an error that nobody has thought of what it is, in one line."""
+    return (
+        f"this is a bug in meshmark: {type(error).__name__}: {error}; "
+        f"{DEBUG_VARIABLE}=1 shows where"
+    )

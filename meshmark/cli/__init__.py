@@ -8,9 +8,8 @@ import sys
 from meshmark.cli.console import complain
 from meshmark.cli.stopping import Stopped, stopping
 from meshmark.cli.streams import UNHEARD, Unheard, watched_streams
-from meshmark.errors import MeshmarkError
+from meshmark.errors import DEBUG_VARIABLE, MeshmarkError, of_a_bug
 
-DEBUG_VARIABLE = "MESHMARK_DEBUG"
 BUG = 70
 
 __all__ = ["main"]
@@ -43,8 +42,5 @@ def _run() -> None:
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise
-        complain(
-            f"this is a bug in meshmark: {type(error).__name__}: {error}; "
-            f"{DEBUG_VARIABLE}=1 shows where"
-        )
+        complain(of_a_bug(error))
         sys.exit(BUG)

@@ -200,16 +200,16 @@ def test_a_scheme_twice_is_refused(run) -> None:
 def test_originals_and_masters_are_read_like_copies_in_a_process_of_their_own(
     run, monkeypatch
 ) -> None:
-    from meshmark.sources import reading
+    from meshmark.commands import verify as verifying
 
     seen: dict[str, bool] = {}
-    read = reading.read
+    read = verifying.read
 
     def noticed(source, *, isolated=False, **options):
         seen[str(source)] = isolated
         return read(source, isolated=isolated, **options)
 
-    monkeypatch.setattr(reading, "read", noticed)
+    monkeypatch.setattr(verifying, "read", noticed)
     beside = ("--original", "horns.usdc", "--master", "horns.usdc", "--scheme", "relief")
     run("verify", "horns-acme.usdc", "--key", "k", *beside)
     assert seen == {"horns-acme.usdc": True, "horns.usdc": True}
@@ -222,8 +222,8 @@ def test_originals_and_masters_are_read_like_copies_in_a_process_of_their_own(
     [([], ["apex"]), (["relief"], []), (["cho2007", "relief"], ["cho2007"])],
 )
 def test_the_master_is_made_by_the_layers_asked_for(schemes, made_by) -> None:
-    from meshmark.cli.verify import Request, _recipes
+    from meshmark.commands.verify import Request, recipes_asked
 
-    recipes = _recipes(schemes, "sdf", "heat", [])
-    request = Request(recipes, bool(schemes), [], ":", {}, None, True, 1e-6, False, "x", None)
+    recipes = recipes_asked(schemes, "sdf", "heat", [])
+    request = Request(Path("k"), "", recipes, named=bool(schemes), original="x")
     assert [layer.scheme for layer in request.master_layers] == made_by

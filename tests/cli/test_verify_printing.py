@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.cli.verify import _tell_prim
+from meshmark.cli.verdicts import _tell_prim
 from meshmark.detection.bit_error_rate import BitErrors
 from meshmark.detection.significance import HypothesisResult
 from meshmark.detection.verdict import PrimVerdict
