@@ -17,6 +17,8 @@ REACH = 0.05
 NEAR = 0.02
 # The share of them whose distances make the residual, in mean squares, and what it may be.
 KEPT, FITS = 0.9, 0.008
+# Paired vertices may slide along the surface.
+FITS_PAIRED = 0.03
 # Either most of the copy lies on the original, or most of the original has copy on it.
 MOST, LEAST = 0.6, 0.03
 # The right placement leaves no more than marks do, or covers the whole. If one does neither, local

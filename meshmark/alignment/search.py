@@ -14,12 +14,12 @@ from meshmark.alignment.features import by_features
 from meshmark.alignment.fit import (
     ALIKE,
     FITS,
+    FITS_PAIRED,
     KEPT,
     MOST,
     NEAR,
     NOWHERE,
     REACH,
-    WELL,
     Fit,
     alike,
     best_of,
@@ -27,18 +27,16 @@ from meshmark.alignment.fit import (
     misfit,
     shortfall,
 )
-from meshmark.alignment.joints import moved_by_joints
 from meshmark.alignment.matching import ClosestAt, Matcher, PairedAt, SamplesAt
+from meshmark.alignment.new_poses import by_reposing, joints_fit_better
 from meshmark.alignment.original import Original
 from meshmark.alignment.poses import posed
-from meshmark.alignment.procrustes import robust_similarity, similarity
+from meshmark.alignment.procrustes import robust_similarity
 from meshmark.alignment.refinement import Placement, Refinement, Rest
-from meshmark.alignment.reposing import is_mirrored, is_posed_anew, reposed
-from meshmark.arrays import FloatArray
 from meshmark.errors import AlignmentError, MeshmarkError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.frame_range import spread
-from meshmark.mesh.geometry import edge_length, face_areas, lengths, vertex_normals
+from meshmark.mesh.geometry import edge_length, face_areas, lengths
 
 IDENTITY, REPOSED, PCA, FEATURES = "identity", "reposed", "pca", "features"
 # Vertices that rough and exact placements are computed from, at most, and their rounds.
@@ -48,12 +46,8 @@ EXACT, EXACT_ROUNDS = 4_000, 30
 TELLING = 12_000
 # Vertices cover what is nearer than this quantile of edges is long.
 LONG = 0.95
-# Paired vertices may slide along the surface.
-FITS_PAIRED = 0.03
 # Below, vertices slide along the surface: the closest points tell more of it than theirs.
 SLIDES = 0.1
-# Joints that leave less than this share of what the nearest pose leaves have taken another one.
-MUCH_BETTER = 0.5
 # Poses that a frame near to a known placement may start from.
 POSES = 4
 # Frames that are tried before nothing fits, and separate surfaces of a frame.
@@ -147,7 +141,7 @@ class Search:
         if method == IDENTITY:
             return self._by_identity(frame)
         if method == REPOSED:
-            return self._by_reposing(frame)
+            return by_reposing(frame, self._original, self._meshes[0][0].topology)
         if method == PCA:
             return self._by_axes(frame)
         return self._by_features(frame)
@@ -178,64 +172,8 @@ class Search:
         if rest.slip < SLIDES:
             found, _ = self._refined(some, found, ClosestAt(original), EXACT_ROUNDS)
         fit = self._fit(frame, found, rest.slip)
-        return None if self._is_posed_anew(frame, fit) else fit
-
-    def _by_reposing(self, frame: CopyFrame) -> Fit | None:
-        """Place a frame of the same vertices and faces in a pose that the original never takes."""
-        moved = self._moved(frame)
-        if moved is None:
-            return None
-        placement, V, Q = moved
-        bent = reposed(V, Q, self._original.welding.topology)
-        distances = lengths(Q - bent) / self._original.diagonal
-        near = float((distances < NEAR).mean())
-        return Fit(placement, distances, near, near, 1.0)
-
-    def _moved(self, frame: CopyFrame) -> tuple[Placement, FloatArray, FloatArray] | None:
-        """Place a frame roughly, and move the original there by its joints, if they are known.
-
-        Returns
-        -------
-        placement : Placement
-        V, Q : (M, 3) float64
-            Welded vertices of the original, and where the copy has them.
-        """
-        original, first = self._original, self._meshes[0][0]
-        pose = original.pose_of(frame) if frame.n_points == original.n_points else None
-        if pose is None or not first.topology.same_as(original.animation[0].topology):
-            return None
-        there, kept = posed(original.animation, round(pose)).points, original.welding.kept
-        # In another pose, a mirror image may come nearer, and turns what stands out inwards.
-        Q = there.copy()
-        Q[frame.vertices] = frame.points
-        mirrors = is_mirrored(there[kept], Q[kept], original.welding.topology.triangles)
-        P, ones = there[frame.vertices], np.ones(len(frame.points))
-        placement = Placement(
-            similarity(frame.points, P, ones, mirrors=mirrors), float(round(pose))
-        )
-        Q[frame.vertices] = placement(frame.points)
-        V, Q = there[kept], Q[kept]
-        if original.skinning is None:
-            fits = is_posed_anew(V, Q, original.welding.topology)
-        else:
-            V = moved_by_joints(original.skinning, V, Q)
-            apart = float(np.quantile(lengths(Q - V), KEPT))
-            fits = apart <= FITS_PAIRED * original.diagonal
-        return (placement, V, Q) if fits else None
-
-    def _is_posed_anew(self, frame: CopyFrame, fit: Fit) -> bool:
-        """Tell whether joints explain a frame much better than a pose of the original does."""
-        original = self._original
-        if original.skinning is None or fit.residual < WELL:
-            return False
-        moved = self._moved(frame)
-        if moved is None:
-            return False
-        placement, V, Q = moved
-        # Vertices may slide along the surface.
-        n = vertex_normals(V, original.welding.topology.triangles)
-        heights = np.abs(np.einsum("ij,ij->i", Q - V, n)) / original.diagonal
-        return Fit(placement, heights).residual < MUCH_BETTER * fit.residual
+        topology = self._meshes[0][0].topology
+        return None if joints_fit_better(frame, original, topology, fit) else fit
 
     def _by_axes(self, frame: CopyFrame) -> Fit | None:
         best = None
