@@ -90,6 +90,7 @@ class Authority:
                 query = self.rfile.read(int(self.headers["Content-Length"]))
                 answer = b"no" if self.path == "/nonsense" else authority.reply(query)
                 self.send_response(500 if self.path == "/broken" else 200)
+                self.send_header("Content-Type", "application/timestamp-reply")
                 self.end_headers()
                 self.wfile.write(answer)
 

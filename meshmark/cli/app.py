@@ -9,6 +9,7 @@ import typer
 from meshmark.cli.align import align
 from meshmark.cli.attack import attack
 from meshmark.cli.bench import bench
+from meshmark.cli.c2pa import c2pa
 from meshmark.cli.check import check
 from meshmark.cli.demo import demo
 from meshmark.cli.embed import embed
@@ -60,5 +61,6 @@ for command in (
     demo,
 ):
     app.command()(command)
+app.add_typer(c2pa, name="c2pa")
 app.add_typer(ledger, name="ledger")
 app.add_typer(plugins, name="plugins")

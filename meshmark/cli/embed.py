@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,6 +29,9 @@ from meshmark.cli.options import (
 )
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 from meshmark.usd.names import BAKE, FOLLOW
+
+if TYPE_CHECKING:
+    from meshmark.c2pa.signing import Signer
 
 NOT_ALL_MARKED = 1
 
@@ -134,6 +137,23 @@ def embed(
             help="Which version of it; by default the first digits of its SHA-256.",
         ),
     ] = None,
+    c2pa: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Sign a C2PA sidecar beside OUTPUT, by this chain of certificates (PEM).",
+        ),
+    ] = None,
+    c2pa_key: Annotated[
+        Path | None,
+        typer.Option("--c2pa-key", metavar="FILE", help="Private key of its first (PEM)."),
+    ] = None,
+    c2pa_tsa: Annotated[
+        str | None,
+        typer.Option(
+            "--c2pa-tsa", metavar="URL", help="Have the signature stamped by this authority."
+        ),
+    ] = None,
     check_all: Annotated[
         bool,
         typer.Option(
@@ -157,6 +177,7 @@ def embed(
         scheme, segmenter, geodesic, settings, strength=strength, max_mrms=max_mrms
     )
     secret = load_key(key)
+    signer = _signer(c2pa, c2pa_key, c2pa_tsa)
     recorder = _recorder(ledger, asset, asset_version, output, master)
     with frame_progress() as progress:
         manifest = mark_file(
@@ -178,6 +199,7 @@ def embed(
             check_all=check_all,
             dry_run=dry_run,
             record=recorder,
+            signer=signer,
             trusted=trusted,
             jobs=default_jobs(),
             progress=progress,
@@ -188,6 +210,8 @@ def embed(
     _tell(document, every)
     done = "is there already, made of the same; left as it is" if manifest.kept else "written"
     say("dry run: nothing was written" if dry_run else f"{document['output']}: {done}")
+    if "c2pa" in document:
+        say(f"{document['c2pa']['file']}: signed, record {document['record']}")
     if recorder is not None:
         recorder.tell()
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
@@ -222,6 +246,22 @@ def _recorder(
     if asset is not None or version is not None:
         raise UsageError("--asset and --asset-version need --ledger")
     return None
+
+
+def _signer(certificates: Path | None, key: Path | None, tsa: str | None) -> Signer | None:
+    """Read who signs, if anybody does: whoever cannot sign need not start."""
+    from meshmark.errors import UsageError
+
+    if certificates is None and key is None and tsa is None:
+        return None
+    if certificates is None or key is None:
+        raise UsageError("--c2pa and --c2pa-key go together; --c2pa-tsa needs both")
+    from meshmark.c2pa.sidecar import require_installed
+
+    require_installed()
+    from meshmark.c2pa.signing import Signer
+
+    return Signer.of(certificates, key, tsa)
 
 
 def _name(text: str) -> str:

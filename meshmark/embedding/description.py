@@ -101,8 +101,11 @@ def record_of(document: Mapping[str, Any], marked: MarkedAsset, key: Key) -> str
 
 
 def stamps_told(document: Mapping[str, Any]) -> dict[str, Stamp]:
-    """Return the stamps a manifest tells of, by mesh; none if it has no record."""
-    if "record" not in document:
+    """Return the stamps a manifest tells of, by mesh; none if none were asked for."""
+    asked = document.get("asked")
+    # What was asked for is missing in older manifests: their records are of stamps.
+    unstamped = isinstance(asked, dict) and asked.get("stamp") is False
+    if "record" not in document or unstamped:
         return {}
     return {
         str(prim["prim"]): Stamp(

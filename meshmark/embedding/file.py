@@ -7,11 +7,12 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from meshmark.delivery.unmarked import require_held, require_small, split_in_place, unasked
 from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.checks import verify_written
+from meshmark.embedding.credentials import require_place, write_sidecar
 from meshmark.embedding.description import describe_marks, describe_run, record_of
 from meshmark.embedding.left_out import markable_of, told_of_skipped, unheld
 from meshmark.embedding.manifest import (
@@ -23,7 +24,7 @@ from meshmark.embedding.manifest import (
     require_unmarked,
 )
 from meshmark.embedding.options import require_sensible
-from meshmark.embedding.outputs import check_output, master_keeper
+from meshmark.embedding.outputs import check_output, master_keeper, places_together
 from meshmark.embedding.undoing import as_they_were
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe, in_order
@@ -41,6 +42,9 @@ from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
+
+if TYPE_CHECKING:
+    from meshmark.c2pa.signing import Signer
 
 
 @sharing_workers
@@ -64,6 +68,7 @@ def mark_file(
     check_all: bool = False,
     dry_run: bool = False,
     record: Callable[[dict[str, Any]], object] | None = None,
+    signer: Signer | None = None,
     trusted: bool = True,
     jobs: int = 1,
     progress: StageProgress | None = None,
@@ -121,6 +126,8 @@ def mark_file(
     record : callable, optional
         Called with the manifest when all is in place. Where it is given, all is put back as it
         was if it raises, or anything before it does.
+    signer : Signer, optional
+        Signs a C2PA sidecar beside the output. Output and sidecar are there both, or as before.
     trusted : bool
         Without it, the source is first read in a process of its own, so that one that crashes or
         hangs the library is told of in one line. The layer is written by this process all the same.
@@ -147,6 +154,8 @@ def mark_file(
     require_unmarked(Path(source), key.id)
     original = _original(source, prims, parameters, trusted)
     check_output(target, original, deliver)
+    if signer is not None:
+        require_place(target, original)
     if stamp and not UsdReader().writes(target):
         raise UsageError("--stamp is for USD files only", source=target)
     write = writer(
@@ -187,6 +196,7 @@ def mark_file(
             "keep_metadata": keep_metadata,
             "stamp": stamp,
             "check_all": check_all,
+            **({} if signer is None else {"certificate": signer.certificate}),
         },
     )
     check = partial(
@@ -218,14 +228,15 @@ def mark_file(
             require_held(markable, unheld(marked), allow_unmarked)
         marked = replace(marked, original=original)
         document["skipped"] = told_of_skipped(marked, markable, others, deliver)
-        if stamp:
+        if stamp or signer is not None:
             document["record"] = record_of(document, marked, key)
+        if stamp:
             write = partial(write, stamps=_stamps(marked, document["record"]))
         require_unchanged(files)
         if dry_run:
             return Manifest(document | check(marked.asset, marked))
-        outputs = [target] if master is None else [target, Path(master)]
-        with as_they_were(outputs if record else ()) as undoing, announced(document, target):
+        together = places_together(target, master, record, signer)
+        with as_they_were(together) as undoing, announced(document, target):
             done = write(marked.asset)
             document |= {} if done is None else done.as_json()
             held_by = [mesh.original.prim for mesh in marked.meshes]
@@ -233,6 +244,8 @@ def mark_file(
             keep(marked.master)
             require_unchanged(files)
             document["output_files"] = output_hashes(target)
+            if signer is not None:
+                document["c2pa"] = write_sidecar(document, target, signer)
             write_json(document, manifest_path(target))
             if record is not None:
                 undoing.settle(partial(record, document))

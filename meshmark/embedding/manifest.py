@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from meshmark.c2pa.sidecar import sidecar_path
 from meshmark.errors import InputError, UsageError
 from meshmark.files.atomic import write_bytes, write_json
 from meshmark.files.places import data_files
@@ -130,6 +131,8 @@ def made_before(document: dict[str, Any], output: Path) -> Manifest | None:
     said = json.loads(json.dumps(document))
     if found is None or any(found.get(name) != value for name, value in said.items()):
         return None
+    if "c2pa" in found and not _same([found["c2pa"]], _sidecar_hashes(output)):
+        return None
     return Manifest(found, manifest_path(output), kept=True)
 
 
@@ -199,6 +202,11 @@ def _manifest_of(standing: Hashes, found: dict[str, Any] | None) -> dict[str, An
         manifest = unfinished.get("manifest")
         return manifest if isinstance(manifest, dict) else None
     return {name: value for name, value in found.items() if name != "unfinished"}
+
+
+def _sidecar_hashes(output: Path) -> Hashes:
+    place = sidecar_path(output)
+    return [{"file": place.name, "sha256": sha256(place)}] if place.is_file() else []
 
 
 def _same(told: Any, standing: Hashes) -> bool:

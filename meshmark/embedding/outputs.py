@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from meshmark.c2pa.sidecar import sidecar_path
 from meshmark.embedding.manifest import manifest_path
 from meshmark.errors import OutputError, UsageError
 from meshmark.extension.recipe import Recipe
@@ -103,3 +104,16 @@ def master_keeper(
     # `verify` reads points alone. But a rest pose is posed by what follows.
     primvars = primvars if skel == REST_POSE else KEEP
     return writer(original, path, parameters=parameters, skel=skel, primvars=primvars)
+
+
+def places_together(
+    target: Path, master: str | Path | None, record: object, signer: object
+) -> list[Path]:
+    """List what is to be there whole, or as it was before, if that is more than the output.
+
+    A copy that is to be recorded, or signed, is nothing without.
+    """
+    if record is None and signer is None:
+        return []
+    places = [target, *([] if master is None else [Path(master)])]
+    return places if signer is None else [*places, sidecar_path(target)]

@@ -1,0 +1,1 @@
+"""Content credentials (C2PA): a signed sidecar says of a file that it is marked."""
