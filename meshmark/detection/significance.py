@@ -18,6 +18,7 @@ from meshmark.statistics.p_values import (
     word_log_e_bounds,
     word_log_e_means,
 )
+from meshmark.statistics.screening import FEW, Screen, Screened, worth_judging
 
 # Belief that all frames are best judged together; the rest is in the frames each by itself.
 TOGETHER = 0.75
@@ -83,7 +84,8 @@ def judge_each(
     Parameters
     ----------
     log10_limit : float
-        Whatever fits at least as well as this is returned, too.
+        Whatever fits at least as well as this is returned, too. Of many recipients, those that
+        cannot are left out early; a few stay all the same.
 
     Returns
     -------
@@ -91,6 +93,12 @@ def judge_each(
         The recipient that fits best, then the others that fit as well as the limit asks.
     """
     words = key.words_of(evidence.scheme, evidence.n_words, evidence.n_chips, recipients)
+    many = len(words) > FEW and log10_limit > -np.inf
+    screen = screen_of(evidence) if many else None
+    if screen is not None:
+        bounds = screen.log_e_bounds(words[:, screen.words])
+        kept = worth_judging(bounds, -log10_limit * np.log(10.0))
+        recipients, words = [recipients[n] for n in kept], words[kept]
     log10_p, alone = _judged(evidence, words)
     log10_p = _with_vertices(evidence, key, recipients, words, log10_p)
     order = np.argsort(log10_p, kind="stable")
@@ -106,6 +114,29 @@ def judge_each(
         )
         for n in fitting
     ]
+
+
+def screen_of(evidence: Evidence, log10_limit: float = np.inf) -> Screen | None:
+    """Make a quick bound on what words may say of all frames together.
+
+    Parameters
+    ----------
+    log10_limit : float
+        The largest log10 p that matters; any by default.
+
+    Returns
+    -------
+    Screen or None
+        None where all carriers share one word, or may hold any: exact numbers are as quick.
+    """
+    parts = [
+        Screened(variant.pooled, variant.belief, variant.posterior)
+        for variant in evidence.variants
+        if variant.posterior is not None
+    ]
+    if evidence.n_words == 1 or len(parts) < len(evidence.variants):
+        return None
+    return Screen(parts, evidence.n_words, -log10_limit * float(np.log(10.0)))
 
 
 def log10_p_of_names(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> FloatArray:

@@ -53,6 +53,12 @@ class WordPosterior:
         """Keep one hypothesis."""
         return WordPosterior(self.position[[hypothesis]], self.p_null)
 
+    def first_words(self, n_words: int) -> IntArray:
+        """Return the first word of every carrier's window, (R, C); see `windows`."""
+        position = np.where(np.isfinite(self.position), self.position, 0.0)
+        first = np.floor(position).astype(np.int64) - (WINDOW_SIZE // 2 - 1)
+        return np.clip(first, 0, n_words - WINDOW_SIZE)
+
     def windows(self, n_words: int) -> WordWindows:
         """Spread the probability of every carrier over the words about its position.
 
@@ -63,8 +69,7 @@ class WordPosterior:
         """
         known = np.isfinite(self.position)
         position = np.where(known, self.position, 0.0)
-        first = np.floor(position).astype(np.int64) - (WINDOW_SIZE // 2 - 1)
-        first = np.clip(first, 0, n_words - WINDOW_SIZE)
+        first = self.first_words(n_words)
         off = first[..., None] + np.arange(WINDOW_SIZE) - position[..., None]
         shifts, decay = SHIFTS[:, None, None, None], SHIFT_DECAY[:, None, None, None]
         near = np.exp(-np.abs(off - shifts) / decay)

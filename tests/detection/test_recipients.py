@@ -155,3 +155,22 @@ def test_many_names_are_judged_like_each_by_itself(monkeypatch, marked, n_frames
     np.testing.assert_allclose(found, log10_p_of(item, words), rtol=1e-12, atol=0)
     same = judge_each(item, KEY, names)[0]
     assert (same.recipient, same.log10_p) == (best.recipient, pytest.approx(best.log10_p, 1e-12))
+
+
+@pytest.mark.parametrize("n_frames", [1, 3])
+def test_of_many_names_all_that_fit_are_found_though_most_are_left_out_early(n_frames) -> None:
+    rng = np.random.default_rng(8)
+    names = [None, *(f"recipient {n}" for n in range(400))]
+    words = KEY.words_of("apex", 24, 16, names)
+    soft = rng.uniform(-0.6, 0.6, size=(n_frames, 30, 5, 16))
+    where = WordPosterior(rng.uniform(0.0, 23.0, size=(30, 5)), np.full(5, 0.2))
+    where.position[4] = where.position[9] = np.arange(3, 8)
+    soft[:, 4] += 0.3 * words[77, 3:8]
+    soft[:, 9] += 0.3 * words[304, 3:8]
+    variant = RestoredVariant.of(soft, np.full(30, -np.log(30.0)), posteriors=(where,) * n_frames)
+    item = Evidence("/A", "apex", 24, np.arange(float(n_frames)), (variant,))
+    log10_p = log10_p_of(item, words)
+    limit = float(np.sort(log10_p)[1])
+    found = judge_each(item, KEY, names, limit)
+    assert {one.recipient for one in found} == {"recipient 76", "recipient 303"}
+    np.testing.assert_allclose([one.log10_p for one in found], np.sort(log10_p)[:2], rtol=1e-12)

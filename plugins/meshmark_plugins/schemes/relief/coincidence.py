@@ -23,8 +23,8 @@ SHARE = 0.1
 NOISES, LEAST_SPREAD = (0.01, 0.03, 0.1, 0.3), 0.1
 # Neighbours tend to come from the same copy, and are low together: each counts for half.
 WEIGHT = 0.5
-# Recipients whose likelihoods are computed at once: they then fit into a processor's cache.
-AT_ONCE = 16
+# Likelihoods of a vertex that are computed at once: they then fit into a processor's cache.
+AT_ONCE = 512
 
 
 def log_fits(
@@ -68,7 +68,7 @@ def log_fits(
     """
     elsewhere = (1.0 - SHARE) * _density_of_all(y)
     x = basis.heights(_known_before(signs, blocks, owner).T)[vertices].astype(np.float32)
-    fits = []
+    fits, at_once = [], max(1, AT_ONCE // (1 + len(decoys)))
     for block, variance in zip(blocks, _variances(blocks, owner, len(y)), strict=True):
         free, rows = ~owner[block.chips], block.rows
         own, drawn = (
@@ -79,7 +79,7 @@ def log_fits(
         at = rows[seen]
         short = (y[at, None] - x[at]).astype(np.float32)
         fit = np.empty((len(signs), 1 + len(decoys)))
-        for some in (slice(n, n + AT_ONCE) for n in range(0, len(signs), AT_ONCE)):
+        for some in (slice(n, n + at_once) for n in range(0, len(signs), at_once)):
             off = np.empty((len(seen), fit[some].shape[0], fit.shape[1]), np.float32)
             off[:, :, 0] = short[:, some] - own[seen][:, some]
             np.subtract(short[:, some, None], drawn[seen][:, None, :], out=off[:, :, 1:])

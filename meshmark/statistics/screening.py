@@ -1,0 +1,188 @@
+"""A quick bound on what words can be worth: whoever could not be found is never judged exactly.
+
+The mean over assignments of products of e-values is at most the product of the carriers' largest
+ones, or of 1 where that is larger. Of the e-value of a word on a carrier only its score m depends
+on the word: log e = l m - sum log cosh(l S), a straight line for every tilt l. The lines of
+`STEEP` and larger tilts meet next to the largest score there can be, where one chord replaces them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.arrays import FloatArray, IntArray, SignArray
+from meshmark.statistics.e_values import N_TOP_TERMS, TILTS, log_cosh
+from meshmark.statistics.word_windows import SHIFT_PRIOR, WINDOW_SIZE, WordPosterior
+
+# Tilts from this on share a line; each below has its own.
+STEEP = 4.0
+# Keys whose scores are computed at once: they then fit into a processor's cache.
+AT_ONCE = 256
+# So many are judged exactly whatever their bounds are: those with the highest ones.
+FEW = 128
+# By this single precision errs at most in a log e-value.
+ROUNDING = 1e-3
+# What the largest terms of a mean sum up to at most, beside the largest of them all.
+_LOG_WEIGHT = float(np.log(N_TOP_TERMS * SHIFT_PRIOR.max() / len(TILTS)))
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Evidence under several hypotheses, and where words may be.
+
+    Parameters
+    ----------
+    S : (R, C, K) float64
+        Evidence under each of R hypotheses.
+    log_prior : (R,) float64
+        Log prior of each hypothesis.
+    posterior : WordPosterior
+        Which words carriers may hold.
+    """
+
+    S: FloatArray
+    log_prior: FloatArray
+    posterior: WordPosterior
+
+
+def worth_judging(log_e_bounds: FloatArray, least: float) -> IntArray:
+    """List keys that may reach a log e-value, and a few that come nearest to it, in order."""
+    high = np.flatnonzero(log_e_bounds >= least)
+    best = np.argsort(-log_e_bounds, kind="stable")[:FEW]
+    return np.union1d(high, best)
+
+
+class Screen:
+    """Bounds log e-values of words from above, on what several ways to read a mesh say.
+
+    Parameters
+    ----------
+    evidence : sequence of Screened
+        One for each way to read it; the e-value is the sum of theirs.
+    n_words : int
+        M, the words of a key.
+    least : float
+        Log e-value that matters: where not even the best of keys reaches it, nothing is computed.
+
+    Attributes
+    ----------
+    words : (U,) int
+        Which of a key's words are asked for.
+    """
+
+    def __init__(self, evidence: Sequence[Screened], n_words: int, least: float) -> None:
+        self.least = least
+        # Each of n that sum up to e^x is at most e^x, and one is at least e^x / n.
+        each = least - float(np.log(max(1, len(evidence))))
+        firsts = [item.posterior.first_words(n_words) for item in evidence]
+        begins = np.unique(np.concatenate([first.ravel() for first in firsts]))
+        self.words: IntArray = np.unique(begins[:, None] + np.arange(WINDOW_SIZE))
+        self._parts = [
+            _Part.of(item, np.searchsorted(self.words, first), each)
+            for item, first in zip(evidence, firsts, strict=True)
+        ]
+
+    def log_e_bounds(self, words: SignArray) -> FloatArray:
+        """Bound the log e-value of each key's words from above, (n,).
+
+        Parameters
+        ----------
+        words : (n, U, K) int
+            Of each of n keys, those that `words` lists.
+
+        Returns
+        -------
+        (n,) float64
+            Below `least`, bounds need not hold; -inf where nothing was computed.
+        """
+        portions = (words[n : n + AT_ONCE] for n in range(0, len(words), AT_ONCE))
+        found = [self._bounds(portion) for portion in portions]
+        return np.concatenate([np.zeros(0), *found])
+
+    def _bounds(self, words: SignArray) -> FloatArray:
+        signs = np.ascontiguousarray(words.transpose(1, 2, 0), np.float32)
+        total = np.full(len(words), -np.inf)
+        for part in self._parts:
+            total = np.logaddexp(total, part.bounds(signs) + (_LOG_WEIGHT + ROUNDING))
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One way to read a mesh, for R hypotheses of those that can reach what matters.
+
+    Parameters
+    ----------
+    S : (R, C, K) float32
+    windows : sequence of C lists of (int, array of int)
+        Where windows begin, and hypotheses that have one there.
+    slopes, zeros : (J, R, C) float32
+        Lines: log e is at most slope (m - zero) above the zero.
+    offsets : (J, R) float64
+        Log priors, less all zeros times slopes.
+    """
+
+    S: NDArray[np.float32]
+    windows: Sequence[Sequence[tuple[int, IntArray]]]
+    slopes: NDArray[np.float32]
+    zeros: NDArray[np.float32]
+    offsets: FloatArray
+
+    @classmethod
+    def of(cls, item: Screened, first: IntArray, least: float) -> _Part:
+        lines = list(_lines(item.S))
+        size = np.abs(item.S).sum(axis=-1)
+        best = [(slope * (size - zero)).sum(axis=-1) + item.log_prior for slope, zero in lines]
+        matters = np.array(best) + _LOG_WEIGHT + ROUNDING >= least
+        r, j = np.flatnonzero(matters.any(axis=0)), np.flatnonzero(matters.any(axis=1))
+        slopes, zeros = (np.array(each)[np.ix_(j, r)] for each in zip(*lines, strict=True))
+        offsets = item.log_prior[r] - (slopes * zeros).sum(axis=-1)
+        return cls(
+            item.S[r].astype(np.float32),
+            [
+                [(int(begin), np.flatnonzero(begins == begin)) for begin in np.unique(begins)]
+                for begins in first[r].T
+            ],
+            slopes.astype(np.float32),
+            zeros.astype(np.float32),
+            offsets,
+        )
+
+    def bounds(self, signs: NDArray[np.float32]) -> FloatArray:
+        """Bound the log e-value of words (U, K, n) from above, (n,)."""
+        J, R, _ = self.slopes.shape
+        n = signs.shape[-1]
+        if not J * R:
+            return np.full(n, -np.inf)
+        total = np.zeros((J, R, n), np.float32)
+        over = np.empty((R, n), np.float32)
+        for c, score in enumerate(self._best_scores(signs)):
+            for j in range(J):
+                np.maximum(score, self.zeros[j, :, c, None], out=over)
+                over *= self.slopes[j, :, c, None]
+                total[j] += over
+        return np.asarray((total + self.offsets[..., None]).max(axis=(0, 1)), dtype=np.float64)
+
+    def _best_scores(self, signs: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
+        """Yield the score of the best word of each carrier's window, (R, n)."""
+        for c, windows in enumerate(self.windows):
+            score = np.empty((len(self.S), signs.shape[-1]), np.float32)
+            for begin, hypotheses in windows:
+                near = signs[begin : begin + WINDOW_SIZE]
+                score[hypotheses] = (self.S[hypotheses, c] @ near).max(axis=0)
+            yield score
+
+
+def _lines(S: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield slopes and zeros, (R, C), of lines above the log e-value of each tilt."""
+    for tilt in TILTS[TILTS < STEEP]:
+        yield np.full(S.shape[:2], tilt), log_cosh(tilt * S).sum(axis=-1) / tilt
+    zero = log_cosh(STEEP * S).sum(axis=-1) / STEEP
+    # No word is worth more than 2 for each chip, at whatever tilt.
+    most = np.log(2.0) * np.count_nonzero(S, axis=-1)
+    room = np.abs(S).sum(axis=-1) - zero
+    yield np.divide(most, room, out=np.zeros_like(most), where=room > 0.0), zero
