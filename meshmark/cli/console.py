@@ -150,3 +150,51 @@ def _bars() -> Iterator[FrameProgress]:
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield FrameProgress(progress)
+
+
+@contextmanager
+def batch_progress(stage: str, total: int) -> Iterator[Callable[[], None]]:
+    """Show how many of many things are done, how fast, and what is left; call it for each.
+
+    Messages may be printed meanwhile: a bar stays below them.
+    """
+    if not sys.stderr.isatty():
+        with _lines() as heartbeat:
+            done = 0
+
+            def told() -> None:
+                nonlocal done
+                done += 1
+                heartbeat(stage, "sources", done, total)
+
+            heartbeat(stage, "sources", 0, total)
+            yield told
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    # What is data goes where it is sent.
+    bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+    with bar:
+        task = bar.add_task(stage, total=total, rate="")
+        begun = time.monotonic()
+
+        def shown() -> None:
+            bar.advance(task)
+            minutes = max(time.monotonic() - begun, 1e-3) / 60.0
+            bar.update(task, rate=f"{bar.tasks[0].completed / minutes:.1f} a minute")
+
+        yield shown

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Generator, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import exit_code, frame_progress, put_json
+from meshmark.cli.console import batch_progress, frame_progress, put_json, say
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -23,17 +26,26 @@ from meshmark.cli.options import (
     reader_parameters,
     require_taken,
 )
-from meshmark.cli.verdicts import tell
+from meshmark.cli.repeating import given_options
+from meshmark.cli.verdicts import Tally, tell
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
-    from meshmark.commands.verify import Outcome
+    from meshmark.commands.answers import AnswerFile
+    from meshmark.commands.verification import Outcome, Request
+    from meshmark.detection.verdict import Verdict
 
 
 def verify(
+    context: typer.Context,
     sources: Annotated[
         list[str],
-        typer.Argument(metavar="SOURCE...", help="Copies to verify.", show_default=False),
+        typer.Argument(
+            metavar="SOURCE|FOLDER|@LIST...",
+            help="Copies to verify; all in a FOLDER and below; patterns, in quotes; those that a "
+            "file names one a line (@@NAME for the file @NAME).",
+            show_default=False,
+        ),
     ],
     key: KeyOption,
     scheme: Annotated[
@@ -103,23 +115,53 @@ def verify(
     ] = False,
     trusted: TrustedOption = False,
     json: JsonOption = False,
+    jsonl: Annotated[
+        bool,
+        typer.Option("--jsonl", help="Print one line of JSON for each SOURCE as it is finished."),
+    ] = False,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Add such lines to FILE, and leave out what is answered there.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Processes, each on one SOURCE at a time; by default one a processor."
+        ),
+    ] = None,
+    commands: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write shell commands that do it, one a line, and verify nothing."
+        ),
+    ] = None,
+    chunk: Annotated[int, typer.Option(min=1, help="Sources of one such command.")] = 10,
 ) -> None:
     """Say whether each SOURCE bears the key's mark, whose copy it is, and the bound on p."""
     from meshmark.errors import UsageError
 
     if not 0.0 < fpr < 1.0:
         raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
-    if evidence is not None and len(sources) > 1:
-        raise UsageError("--evidence holds that of one SOURCE")
     if unauthenticated and evidence is None:
         raise UsageError("--unauthenticated-evidence needs --evidence")
     if master is not None and original is None:
         raise UsageError("--master needs --original")
-    parameters = reader_parameters(clip, fps, variant)
-    require_taken(parameters, [*sources, *([original] if original else [])])
-    from meshmark.commands.verify import Request, recipes_asked, verify_file
-    from meshmark.workers.ordered_map import default_jobs
+    recorded = jsonl or resume is not None
+    if json and (recorded or commands is not None):
+        raise UsageError("--json is one document in the end; no --jsonl, --resume or --commands")
+    from meshmark.commands.verification import Request, hashes_beside, recipes_asked
+    from meshmark.sources.listing import listed
 
+    named = listed(sources)
+    if evidence is not None and (len(named) > 1 or recorded or commands is not None):
+        raise UsageError(
+            "--evidence holds that of one SOURCE, without --jsonl, --resume, --commands"
+        )
+    parameters = reader_parameters(clip, fps, variant)
+    require_taken(parameters, [*named, *([original] if original else [])])
     request = Request(
         key_file=key,
         key_id=load_key(key).id,
@@ -134,19 +176,84 @@ def verify(
         master=master,
         evidence=evidence,
         authenticated=not unauthenticated,
-        jobs=default_jobs(),
+        recorded=recorded,
+        beside=hashes_beside(original, master, trusted=trusted) if recorded else {},
     )
-    outcomes: list[Outcome] = []
-    for source in sources:
-        with frame_progress() as progress:
-            outcomes.append(verify_file(source, request, progress))
-        tell(outcomes[-1], everything)
+    tally = Tally()
+    verdicts: dict[str, Verdict] = {}
+    with _answers(resume) as kept:
+        known = {} if kept is None else kept.known(named, request)
+        left = [source for source in named if source not in known]
+        if commands is not None:
+            _write_commands(context, commands, left, chunk, resume)
+            return
+        for answer in known.values():
+            tally.add(answer.verdict, answer.exit_code)
+        with closing(_outcomes(left, request, jobs)) as outcomes:
+            for outcome in outcomes:
+                if recorded:
+                    _record(outcome, kept, jsonl)
+                tell(outcome, everything)
+                tally.add(outcome.answer, outcome.exit_code)
+                if json and outcome.verdict is not None:
+                    verdicts[outcome.source] = outcome.verdict
     if json:
-        put_json({"assets": [each.verdict.as_json() for each in outcomes if each.verdict]})
-    worst = max(outcome.exit_code for outcome in outcomes)
-    code = worst or exit_code(each.verdict.verdict for each in outcomes if each.verdict)
-    if code:
-        raise typer.Exit(code)
+        put_json({"assets": [verdicts[each].as_json() for each in named if each in verdicts]})
+    if len(named) > 1:
+        say(f"{tally}{f', {len(known):,} of them before' if known else ''}")
+    if tally.exit_code:
+        raise typer.Exit(tally.exit_code)
+
+
+def _answers(path: Path | None) -> AbstractContextManager[AnswerFile | None]:
+    from meshmark.commands.answers import answers_kept
+
+    return nullcontext() if path is None else answers_kept(path)
+
+
+def _record(outcome: Outcome, kept: AnswerFile | None, jsonl: bool) -> None:
+    """Write a line into the file of answers, and print it."""
+    from meshmark.commands.answers import as_line
+
+    line = as_line(outcome)
+    if kept is not None:
+        kept.append(line)
+    if jsonl:
+        typer.echo(line)
+
+
+def _outcomes(sources: Sequence[str], request: Request, jobs: int | None) -> Generator[Outcome]:
+    """Verify sources, each in a process of its own if there are several."""
+    from meshmark.commands.batch import verify_many
+    from meshmark.commands.verify import verify_file
+    from meshmark.workers.ordered_map import JOBS_VARIABLE, default_jobs
+
+    there = default_jobs() if jobs is None else jobs
+    alone = jobs is None and os.environ.get(JOBS_VARIABLE) == "1"
+    if len(sources) < 2 or alone:
+        for source in sources:
+            with frame_progress() as progress:
+                outcome = verify_file(source, replace(request, jobs=there), progress)
+            yield outcome
+        return
+    n = min(there, len(sources))
+    many = verify_many(sources, replace(request, jobs=there // n), n)
+    with batch_progress("verify", len(sources)) as advance, closing(many):
+        for outcome in many:
+            yield outcome
+            advance()
+
+
+def _write_commands(
+    context: typer.Context, path: Path, sources: Sequence[str], chunk: int, resume: Path | None
+) -> None:
+    from meshmark.commands.farm import verify_commands
+    from meshmark.files.atomic import write_bytes
+
+    options = given_options(context, without=("resume", "commands", "chunk"))
+    lines = list(verify_commands(options, sources, chunk, resume))
+    write_bytes(b"".join(os.fsencode(f"{line}\n") for line in lines), path)
+    say(f"{path}: {len(lines):,} commands for {len(sources):,} sources")
 
 
 def _names(recipients: Sequence[str]) -> list[str]:

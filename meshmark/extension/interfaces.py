@@ -53,6 +53,11 @@ class Reader(Protocol):
 class SourceReader(Reader, Protocol):
     """All that is asked of a reader; what a plugin's leaves out, the core does its own way."""
 
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
     def read(self, source: str, prims: Sequence[str] = ()) -> Asset:
         """Read the meshes named, or every mesh of the source."""
         ...

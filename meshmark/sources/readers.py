@@ -153,8 +153,7 @@ def open_source(
         if not takes(source, parameters):
             told = " or ".join(parameters)
             raise UsageError(f"its reader takes no {told}", source=source)
-        name = reader.name if isinstance(reader, PluginReader) else READER
-        reader = reader_called(name, parameters)
+        reader = reader_called(reader.name, parameters)
     if reader is not None:
         return reader.read(source, prims)
     if not Path(source).exists():

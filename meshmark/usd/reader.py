@@ -33,6 +33,11 @@ class UsdReader:
     variants: Sequence[str] = ()
     strict: bool = True
 
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return READER
+
     def accepts(self, source: str) -> bool:
         """Tell whether the source is called as USD's files are."""
         return source.lower().endswith(STAGE_SUFFIXES)

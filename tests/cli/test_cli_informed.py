@@ -222,7 +222,7 @@ def test_originals_and_masters_are_read_like_copies_in_a_process_of_their_own(
     [([], ["apex"]), (["relief"], []), (["cho2007", "relief"], ["cho2007"])],
 )
 def test_the_master_is_made_by_the_layers_asked_for(schemes, made_by) -> None:
-    from meshmark.commands.verify import Request, recipes_asked
+    from meshmark.commands.verification import Request, recipes_asked
 
     recipes = recipes_asked(schemes, "sdf", "heat", [])
     request = Request(Path("k"), "", recipes, named=bool(schemes), original="x")

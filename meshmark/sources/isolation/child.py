@@ -50,6 +50,12 @@ class Child:
         self.limits.expect_progress()
         os.write(self._alive, b".")
 
+    def digests(self) -> list[tuple[str, str]]:
+        """Hash the files the source consists of; absolute paths."""
+        files = [path.resolve() for path in source_files(self.source)]
+        self.beat()
+        return [(str(path), sha256(path, beat=self.beat)) for path in files]
+
     def run(self, work: Callable[[], dict[str, Any]]) -> NoReturn:
         """Do the work, leave its report or why there is none, and end."""
         report = json.dumps(self._outcome(work), default=vars)
@@ -77,7 +83,7 @@ class Child:
 def _read(
     child: Child, prims: list[str], parameters: dict[str, Any], textures: bool
 ) -> dict[str, Any]:
-    before = _digests(child)
+    before = child.digests()
     asset = open_source(child.source, prims, parameters)
     child.beat()
     try:
@@ -86,16 +92,10 @@ def _read(
             told = describe_asset(asset, arrays, textures=textures, beat=child.beat)
     except OSError as error:
         raise _too_much(child, error) from None
-    if _digests(child) != before:
+    if child.digests() != before:
         raise InputError("changed while it was read; try again", source=child.source)
     reach = [str(path) for path in files_in_reach(child.source)]
     return {"asset": told, "files": before, "reach": reach}
-
-
-def _digests(child: Child) -> list[tuple[str, str]]:
-    files = [path.resolve() for path in source_files(child.source)]
-    child.beat()
-    return [(str(path), sha256(path, beat=child.beat)) for path in files]
 
 
 def _too_much(child: Child, error: OSError) -> MeshmarkError:

@@ -1,4 +1,4 @@
-"""What reading a source may take: time, memory, room on disk."""
+"""What reading a source may take: time, memory, room on disk; and what measuring may."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from meshmark.errors import UsageError
 SECONDS_VARIABLE = "MESHMARK_READ_SECONDS"
 MEMORY_VARIABLE = "MESHMARK_READ_MEMORY"
 DISK_VARIABLE = "MESHMARK_READ_DISK"
+VERIFY_VARIABLE = "MESHMARK_VERIFY_MEMORY"
 GB = 1e9  # bytes
+
+# Of memory for measuring: libraries alone take half of one.
+LEAST = 4.0  # GB
 
 # Wall time the reading process is given beyond what its parent waits: it ends by itself only if
 # there is no parent any more.
@@ -75,6 +79,35 @@ class Limits:
             import signal
 
             signal.alarm(math.ceil(self.seconds) + GRACE)
+
+
+def memory_to_measure() -> float:
+    """Return the GB that a process may take that measures one source after the other.
+
+    Raises
+    ------
+    UsageError
+        If what the environment says is not a positive number.
+    """
+    return _positive(VERIFY_VARIABLE, _share_of_memory())
+
+
+def limit_memory() -> None:
+    """Limit this process to that from now on, where the system knows how to."""
+    memory = memory_to_measure()
+    if sys.platform != "win32" and memory < math.inf:
+        import resource
+
+        _limit(resource.RLIMIT_AS, int(memory * GB))
+
+
+def _share_of_memory() -> float:
+    """Return each processor's share of the memory there is, in GB, and at least `LEAST`."""
+    try:
+        total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+    return max(LEAST, total / GB / (os.cpu_count() or 1))
 
 
 def _positive(variable: str, default: float) -> float:

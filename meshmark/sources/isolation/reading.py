@@ -27,6 +27,7 @@ from meshmark.sources.isolation.report import (
     error_from,
 )
 from meshmark.usd.reader import UsdReader
+from meshmark.workers.apart import interpreter_environment
 
 PROGRAM = "meshmark.sources.isolation.child"
 COMPLAINTS = "stderr"
@@ -114,7 +115,8 @@ def _run(words: Sequence[str], folder: Path, source: str, limits: Limits) -> dic
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=complaints,
-            env=_environment(folder),
+            # What it leaves behind, as pxr does of a crash, goes with its folder.
+            env=interpreter_environment({"TMPDIR": str(folder)}),
         )
     with process:
         try:
@@ -133,21 +135,6 @@ def _run(words: Sequence[str], folder: Path, source: str, limits: Limits) -> dic
     if len(report) > MOST_REPORTED:
         raise InputError("there is too much to say about it", source=source)
     return dict(json.loads(report))
-
-
-def _environment(folder: Path) -> dict[str, str]:
-    """Return the environment of a process: it finds the modules we do, and needs few threads.
-
-    What it leaves behind, as pxr does of a crash, goes with its folder.
-    """
-    return {
-        "OPENBLAS_NUM_THREADS": "1",
-        "MALLOC_ARENA_MAX": "2",
-        **os.environ,
-        "TMPDIR": str(folder),
-        "PYTHONSAFEPATH": "1",
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-    }
 
 
 def _goes_on(process: subprocess.Popen[bytes], seconds: float) -> bool:
