@@ -11,6 +11,7 @@ import numpy as np
 
 from meshmark.alignment.align import align, align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
+from meshmark.alignment.in_place import in_place
 from meshmark.alignment.joints import moved_by_joints
 from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import motion, posed
@@ -61,6 +62,7 @@ def gather_informed(
     *,
     master: Asset | None = None,
     frames: str | None = None,
+    points_in_place: float | None = None,
     jobs: int = 1,
     progress: MeshProgress | None = None,
 ) -> InformedEvidence:
@@ -76,6 +78,9 @@ def gather_informed(
         The original as the blind layers left it: copies are then compared with that.
     frames : str, optional
         Range A:B[:S] of the copy's time codes; `FRAMES` of them are read.
+    points_in_place : float, optional
+        Of a copy that was written just now, and that nobody had since: how many points of each
+        mesh are to be read, in a few frames at least; see `in_place`.
 
     Raises
     ------
@@ -90,8 +95,13 @@ def gather_informed(
     for pair in pairs(copy, original):
         if pair.run is not None and not any(has_frame_in(m, frames) for m in pair.copy.meshes):
             continue
-        n_frames = max(1, FRAMES // pair.share)
-        alignment = align(pair.copy, pair.original, frames=frames, n_frames=n_frames, jobs=jobs)
+        alignment = None
+        if points_in_place is not None:
+            alignment = in_place(pair.copy, pair.original, points_in_place / pair.share)
+        untouched = alignment is not None
+        if alignment is None:
+            n_frames = max(1, FRAMES // pair.share)
+            alignment = align(pair.copy, pair.original, frames=frames, n_frames=n_frames, jobs=jobs)
         where = f", {pair.part}" if pair.part else ""
         notes += [
             f"{each.prim} of the original{where}: {each.reason}" for each in alignment.unplaced
@@ -103,7 +113,7 @@ def gather_informed(
                 try:
                     with breakdown_means_no_capacity(), one_thread():
                         on = OriginalLayout(found.original, recipe.build())
-                        reading = _Reading(found, reference, on, recipe.scheme)
+                        reading = _Reading(found, reference, on, recipe.scheme, untouched)
                         items.append(replace(reading.evidence(jobs, progress), part=pair.part))
                 except CapacityError as error:
                     notes.append(f"{found.original.prim}{where}: {recipe.scheme}: {error.message}")
@@ -175,19 +185,24 @@ class _Reading:
         The original as the scheme sees it.
     name : str
         That of the scheme.
+    untouched : bool
+        Whether the copy is known to be as it was written.
     """
 
     found: MeshAlignment
     reference: MeshAnimation
     on: OriginalLayout
     name: str
+    untouched: bool = False
 
     def evidence(self, jobs: int, progress: MeshProgress | None) -> Evidence:
         """Observe every placed frame, and put the hypotheses side by side."""
         copy, placed, name = self.found.copy, self.found.frames, self.name
         scheme, layout = self.on.scheme, self.on.layout
-        # What a program did to one frame it did to all.
-        treatment = scheme.treatment(tuple(self._views(placed[0])), layout)
+        treatment = None
+        if not self.untouched:
+            # What a program did to one frame it did to all.
+            treatment = scheme.treatment(tuple(self._views(placed[0])))
         measure = _Measure(self, treatment)
         measured = []
         for done, each in enumerate(ordered_map(measure, placed, jobs=jobs), start=1):
@@ -233,10 +248,7 @@ class _Reading:
     def measure(self, placement: FramePlacement, treatment: Any) -> list[Any]:
         """Measure a frame under every map."""
         with breakdown_means_no_capacity(), one_thread():
-            return [
-                self.on.scheme.measure(view, self.on.layout, treatment)
-                for view in self._views(placement)
-            ]
+            return [self.on.scheme.measure(view, treatment) for view in self._views(placement)]
 
     def _identities(self, frame: CopyFrame) -> tuple[Any, IntArray | None]:
         """Choose the copy's vertices to read, and tell which of the reference they are."""

@@ -203,34 +203,21 @@ def verify_informed(
 
     Where the master has to be made, the looks before and after it share the rate.
     """
-    # Whoever looks at a copy alone has no use for what places it on an original.
-    from meshmark.detection.informed import gather_informed
-
-    def judged(master: Asset | None, share: float) -> Verdict:
-        found = gather_informed(
-            copy,
-            original,
-            recipes,
-            master=master,
-            frames=frames,
-            jobs=jobs,
-            progress=progress,
-        )
-        verdict = decide(
-            copy.source,
-            found.items,
-            key,
-            recipients=names,
-            fpr=fpr,
-            n_schemes=len(recipes),
-            share=share,
-            notes=found.notes,
-        )
-        return replace(verdict, original=original.source)
-
+    judged = partial(
+        judge_beside,
+        copy,
+        key,
+        recipes,
+        names,
+        original=original,
+        frames=frames,
+        fpr=fpr,
+        jobs=jobs,
+        progress=progress,
+    )
     if not callable(master):
-        return judged(master, 1.0)
-    first = judged(None, 1 / 2)
+        return judged(master=master)
+    first = judged(master=None, share=1 / 2)
     if not first.prims or first.log10_p + TRIPLE <= np.log10(fpr):
         return first
     try:
@@ -238,7 +225,52 @@ def verify_informed(
     except CapacityError:
         # No mesh can hold a blind layer: nothing lies between original and copy.
         return first
-    return together(first, judged(made, 1 / 2))
+    return together(first, judged(master=made, share=1 / 2))
+
+
+def judge_beside(
+    copy: Asset,
+    key: Key,
+    recipes: Sequence[Recipe],
+    names: Sequence[str],
+    *,
+    original: Asset,
+    master: Asset | None,
+    frames: str | None,
+    fpr: float,
+    share: float = 1.0,
+    points_in_place: float | None = None,
+    jobs: int,
+    progress: MeshProgress | None,
+) -> Verdict:
+    """Read a copy beside its original once, and try a key.
+
+    Parameters are those of `verify`, `decide` and `gather_informed`.
+    """
+    # Whoever looks at a copy alone has no use for what places it on an original.
+    from meshmark.detection.informed import gather_informed
+
+    found = gather_informed(
+        copy,
+        original,
+        recipes,
+        master=master,
+        frames=frames,
+        points_in_place=points_in_place,
+        jobs=jobs,
+        progress=progress,
+    )
+    verdict = decide(
+        copy.source,
+        found.items,
+        key,
+        recipients=names,
+        fpr=fpr,
+        n_schemes=len(recipes),
+        share=share,
+        notes=found.notes,
+    )
+    return replace(verdict, original=original.source)
 
 
 def _as_asset(asset: Asset | MeshAnimation) -> Asset:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import Verdict, jointly
-from meshmark.detection.verify import judge_all, verify_informed
+from meshmark.detection.verdict import TRIPLE, Verdict, jointly, together
+from meshmark.detection.verify import judge_all, judge_beside
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh
 from meshmark.extension.recipe import Recipe, mrms_limit
 from meshmark.keys import Key
@@ -22,6 +23,8 @@ from meshmark.workers.progress import MeshProgress
 
 # Frames of each mesh that are checked, and points of each surface that distances are taken at.
 FRAMES, SAMPLES = 12, 20_000
+# Points of each mesh that are read beside the original: a few of these frames, of a large mesh.
+POINTS = 50_000
 # The limit to the distortion is in doubt if it is no more standard errors away than this.
 DOUBT = 3.0
 # The false positive rate that what was written is verified at.
@@ -129,7 +132,8 @@ def verify_written(
         alone = judge_all(evidence, key, recipients=names, fpr=TARGET_FPR)
     if informed:
         whole = replace(marked.original, meshes=tuple(mesh.original for mesh in marked.meshes))
-        beside = verify_informed(
+        judged = partial(
+            judge_beside,
             checked,
             key,
             informed,
@@ -138,9 +142,14 @@ def verify_written(
             master=marked.master if blind else None,
             frames=None,
             fpr=TARGET_FPR,
+            share=1 / 2,
             jobs=jobs,
             progress=progress,
         )
+        beside = judged(points_in_place=np.inf if check_all else POINTS)
+        if beside.log10_p + TRIPLE > np.log10(TARGET_FPR):
+            # As `verify` would, that does not know where the copy lies.
+            beside = together(beside, judged())
     if alone is None or beside is None:
         one = alone or beside
         assert one is not None

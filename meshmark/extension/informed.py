@@ -96,7 +96,7 @@ class InformedScheme(Protocol):
         """
         ...
 
-    def treatment(self, views: Sequence[AlignedFrame], layout: Any) -> Any:
+    def treatment(self, views: Sequence[AlignedFrame]) -> Any:
         """Find out from one frame what a program did to the copy's surface; it must pickle.
 
         Parameters
@@ -106,13 +106,16 @@ class InformedScheme(Protocol):
         """
         ...
 
-    def measure(self, view: AlignedFrame, layout: Any, treatment: Any) -> Any:
+    def measure(self, view: AlignedFrame, treatment: Any) -> Any:
         """Measure one frame of a copy under one map; the result must pickle.
+
+        Without the layout: workers, which measure frames, need not make it.
 
         Parameters
         ----------
         treatment
-            What `treatment` found out from one of the copy's frames.
+            What `treatment` found out from one of the copy's frames; or None of a copy that is
+            known to be as it was written, vertex by vertex.
         """
         ...
 

@@ -11,9 +11,19 @@ TINY = 1e-150
 
 
 def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:
-    """Compute the normals of triangles, (F, 3) float64, as long as the areas."""
-    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
-    return 0.5 * np.cross(b - a, c - a)
+    """Compute the normals of triangles, (F, 3) float64, as long as the areas.
+
+    Column by column, which takes a third of the time of numpy's cross product.
+    """
+    i, j, k = np.ascontiguousarray(F.T)
+    x, y, z = np.ascontiguousarray(V.T)
+    u = [column[j] - column[i] for column in (x, y, z)]
+    v = [column[k] - column[i] for column in (x, y, z)]
+    N = np.empty((len(F), 3))
+    for axis in range(3):
+        one, two = (axis + 1) % 3, (axis + 2) % 3
+        N[:, axis] = u[one] * v[two] - u[two] * v[one]
+    return 0.5 * N
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
@@ -45,8 +55,11 @@ def surface_box(V: FloatArray, F: IntArray) -> tuple[float, FloatArray]:
         Its length; 0 without triangles.
     centre : (3,) float64
     """
-    corners = V[F.ravel()] if len(F) else np.zeros((1, 3))
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    used = np.zeros(len(V), dtype=bool)
+    used[F.ravel()] = True
+    corners = V[used] if len(F) else np.zeros((1, 3))
+    # Column by column: a reduction over axes this long takes several times as long.
+    low, high = (np.array([end(x) for x in corners.T]) for end in (np.min, np.max))
     return float(np.linalg.norm(high - low)), (low + high) / 2
 
 

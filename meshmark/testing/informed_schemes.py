@@ -163,13 +163,13 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         """Neither other views nor another process change what is seen, nor is a view written to."""
         layout, view = scheme.layout(frame), copied(frame)
         before = view.points.copy(), view.reference.points.copy()
-        treatment = scheme.treatment([view], layout)
-        measured = scheme.measure(view, layout, treatment)
+        treatment = scheme.treatment([view])
+        measured = scheme.measure(view, treatment)
         (seen,) = scheme.observe([measured], layout)
         other = replace(view, points=view.reference.points, normals=view.normals)
         observed(scheme, frame, other)
         there, how, what = pickle.loads(pickle.dumps((scheme, treatment, measured)))
-        assert_equal(there.observe([there.measure(view, layout, how)], layout)[0], seen)
+        assert_equal(there.observe([there.measure(view, how)], layout)[0], seen)
         assert_equal(there.observe([what], layout)[0], seen)
         np.testing.assert_array_equal(view.points, before[0])
         np.testing.assert_array_equal(view.reference.points, before[1])
@@ -276,7 +276,7 @@ def noisy(frame: Frame, rng: np.random.Generator) -> Any:
 def observed(scheme: InformedScheme, original: Frame, view: AlignedFrame) -> Observation:
     """Observe one view of a copy."""
     layout = scheme.layout(original)
-    measured = scheme.measure(view, layout, scheme.treatment([view], layout))
+    measured = scheme.measure(view, scheme.treatment([view]))
     return scheme.observe([measured], layout)[0]
 
 

@@ -66,6 +66,33 @@ def test_evidence_tells_how_the_copy_lies(copy) -> None:
     assert judge(item, KEY).log10_p < -20
 
 
+def test_a_copy_written_just_now_is_read_where_it_was_written(copy) -> None:
+    original = as_asset(horned())
+    [item] = gather_informed(copy, original, RELIEF, points_in_place=np.inf).items
+    facts = item.informed
+    assert facts is not None
+    assert (facts.method, facts.poses, facts.maps) == (
+        "identity",
+        (0.0, 1.0, 2.0),
+        ("similarity",),
+    )
+    found, other = judge(item, KEY), judge(item, OTHER)
+    assert found.log10_p < -20
+    assert other.log10_p > -2
+    [searched] = gather_informed(copy, original, RELIEF).items
+    assert found.log10_p < 0.8 * judge(searched, KEY).log10_p
+    [bare] = gather_informed(original, original, RELIEF, points_in_place=np.inf).items
+    assert judge(bare, KEY).log10_p > -2
+
+
+def test_what_does_not_stand_where_it_was_written_is_looked_for(copy) -> None:
+    moved = as_asset(copy.meshes[0].map(lambda frame: frame.moved(frame.points + 1.0)))
+    [item] = gather_informed(moved, as_asset(horned()), RELIEF, points_in_place=np.inf).items
+    assert item.informed is not None
+    assert "affine" in item.informed.maps
+    assert judge(item, KEY).log10_p < -20
+
+
 @pytest.mark.slow
 def test_a_copy_of_something_else_is_inconclusive() -> None:
     tube = as_asset(mesh(bent_tube(24, 40)))

@@ -5,16 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.embedding.asset import MarkedMesh
+from meshmark.detection.verdict import Verdict
+from meshmark.embedding.asset import MarkedAsset, MarkedMesh, embed
 from meshmark.embedding.checks import (
     FRAMES,
     checked_frames,
     measure_distortion,
     told_of_limit,
+    verify_written,
 )
 from meshmark.embedding.mesh import Embedded
 from meshmark.extension.recipe import Recipe, default_layers, mrms_limit, within_mrms
+from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset, as_asset
+from meshmark.testing.informed_schemes import horned
 from meshmark.testing.meshes import icosphere
 
 V, F = icosphere(2)
@@ -70,3 +75,40 @@ def test_the_limit_is_that_of_all_layers_together() -> None:
     layers = within_mrms(default_layers(), 3e-4)
     assert mrms_limit(layers) == pytest.approx(3e-4)
     assert mrms_limit([*layers, Recipe("tsai2014")]) is None
+
+
+KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))
+
+
+@pytest.fixture(scope="module")
+def relief() -> MarkedAsset:
+    return embed(horned(), KEY, recipe=[Recipe("relief")])
+
+
+def checked(written: Asset, marked: MarkedAsset, key: Key) -> Verdict:
+    return verify_written(
+        written,
+        marked,
+        key,
+        [Recipe("relief")],
+        recipient=None,
+        check_all=False,
+        jobs=1,
+        progress=None,
+    )
+
+
+def test_what_was_written_is_read_where_it_stands(relief, monkeypatch) -> None:
+    def align(*_: object, **__: object) -> None:
+        raise AssertionError("it need not be looked for")
+
+    monkeypatch.setattr("meshmark.detection.informed.align", align)
+    assert checked(relief.asset, relief, KEY).verdict == "marked"
+
+
+def test_what_was_written_is_looked_for_where_it_says_nothing_there(relief) -> None:
+    assert checked(relief.asset, relief, OTHER).verdict == "not marked"
+    elsewhere = as_asset(relief.asset.meshes[0].map(lambda f: f.moved(2.0 * f.points + 1.0)))
+    assert checked(elsewhere, relief, KEY).verdict == "marked"
+    bare = checked(as_asset(horned()), relief, KEY)
+    assert bare.verdict == "not marked"

@@ -46,6 +46,30 @@ def test_open3d_comes_through_the_door() -> None:
     assert open3d_import.load_open3d().__name__ == "open3d"
 
 
+def test_plots_are_imported_when_they_are_called_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    open3d = open3d_import.load_open3d()
+    open3d_import._plots.cache_clear()
+    # Whoever imported open3d before this process came here has the real ones.
+    monkeypatch.delitem(sys.modules, open3d_import.PLOTS, raising=False)
+    with open3d_import._plots_put_off():
+        plots = importlib.import_module(open3d_import.PLOTS)
+    assert not hasattr(plots, "__path__")
+    figure = plots.get_plotly_fig([open3d.geometry.TriangleMesh.create_box()])
+    assert type(figure).__name__ == "Figure"
+    assert sys.modules[open3d_import.PLOTS].get_plotly_fig.__module__ == open3d_import.PLOTS
+
+
+@pytest.mark.slow
+def test_no_web_server_is_imported_with_open3d_but_can_be_after_it() -> None:
+    script = (
+        "import sys; from meshmark.mesh.open3d_import import load_open3d; load_open3d(); "
+        "assert not {'dash', 'plotly', 'IPython'} & set(sys.modules), sorted(sys.modules); "
+        "import dash; assert dash.Dash; "
+        "from open3d.visualization import draw_plotly; assert callable(draw_plotly)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
 def test_missing_library_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     hide(monkeypatch, "libusb-1.0.so.0", "libEGL.so.1")
     break_import(monkeypatch, ImportError("libusb-1.0.so.0: cannot open shared object file"))

@@ -164,9 +164,10 @@ class Basis:
         )
 
     def low_pass(self, x: FloatArray, count: FloatArray) -> FloatArray:
-        """Smooth values (N,), each the mean of so many, over discs larger than any patch."""
-        total = self.wide(np.stack([count * x, count], axis=1) / self.wide.mass[:, None])
-        return total[:, 0] / np.maximum(total[:, 1], 1e-300)
+        """Smooth values (N, n), each the mean of so many, over discs larger than any patch."""
+        total = self.wide(np.hstack([count * x, count]) / self.wide.mass[:, None])
+        sums, counts = np.hsplit(total, 2)
+        return sums / np.maximum(counts, 1e-300)
 
     def squares(self, x: FloatArray) -> FloatArray:
         """Approximate the diagonal of `adjoint` diag(x) `heights`, (K,), for x (N,) >= 0."""

@@ -88,10 +88,14 @@ class ReliefLayout:
         """What each block of chips does to them."""
         return list(blocks(self.basis, self.vertices))
 
-    def flattened(self, found: Heights) -> Heights:
+    def flattened(self, frames: Sequence[Heights]) -> list[Heights]:
         """Take off what is wider than any patch."""
-        wide = self.basis.low_pass(found.value, found.count)
-        return replace(found, value=np.where(found.count > 0.0, found.value - wide, 0.0))
+        value, count = (
+            np.stack([getattr(frame, name) for frame in frames], axis=1)
+            for name in ("value", "count")
+        )
+        flat = np.where(count > 0.0, value - self.basis.low_pass(value, count), 0.0)
+        return [replace(frame, value=x) for frame, x in zip(frames, flat.T, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +109,13 @@ class Measured:
         by closest points, and by identity where vertices are known.
     offsets : Offsets
         Of single vertices.
+    untouched : bool
+        Whether the copy is known to be as it was written.
     """
 
     heights: tuple[tuple[Heights, ...], ...]
     offsets: Offsets
+    untouched: bool
 
 
 class Relief:
@@ -153,7 +160,7 @@ class Relief:
         f = layout.height * layout.basis.heights(signs.astype(np.float64))
         return ReliefPlan(plan_heights(animation, f), layout.n_chips)
 
-    def treatment(self, views: Sequence[AlignedFrame], layout: ReliefLayout) -> Treatment:
+    def treatment(self, views: Sequence[AlignedFrame]) -> Treatment:
         """Choose the smoothing or subdivision that explains a copy best, by what is left."""
         sample = min(map(_sample, views), key=lambda view: heights(view).deviation)
 
@@ -168,27 +175,31 @@ class Relief:
         known |= {each: left(each) for each in near}
         return min(known, key=lambda each: known[each])
 
-    def measure(self, view: AlignedFrame, layout: ReliefLayout, treatment: Treatment) -> Measured:
+    def measure(self, view: AlignedFrame, treatment: Treatment | None) -> Measured:
         """Measure the heights of a copy's frame, in each way that may suit what was done to it."""
-        ways = (False,) if view.vertices is None else (False, True)
+        ways = [False] if view.vertices is None else [False, True]
+        untouched = treatment is None
+        if untouched:
+            ways = ways[-1:]
         found = tuple(
-            tuple(layout.flattened(heights(view, each, by_identity=one)) for one in ways)
-            for each in dict.fromkeys((NONE, treatment))
+            tuple(heights(view, each, by_identity=way) for way in ways)
+            for each in dict.fromkeys((NONE, treatment or NONE))
         )
-        return Measured(found, offsets(view))
+        return Measured(found, offsets(view), untouched)
 
     def observe(self, measured: Sequence[Measured], layout: ReliefLayout) -> list[Observation]:
         """Estimate the chips of all frames, in each way they were measured.
 
         The recipient's chips are read, the owner's, and all together, as they are in copies for
-        nobody; beside noise that differs from vertex to vertex and from frame to frame, and beside
-        noise that is smooth and lasts.
+        nobody; beside noise that differs from vertex to vertex and from frame to frame, and, where
+        something may have been done to the copy, beside noise that is smooth and lasts.
         """
         found = []
         for treated in zip(*(frame.heights for frame in measured), strict=True):
-            ways = list(zip(*treated, strict=True))
+            ways = [layout.flattened(way) for way in zip(*treated, strict=True)]
             found += [soft_chips(layout.basis, layout.height, way) for way in ways]
-            found.append(soft_chips_in(layout.noise, layout.basis, layout.height, ways[-1]))
+            if not measured[0].untouched:
+                found.append(soft_chips_in(layout.noise, layout.basis, layout.height, ways[-1]))
         owner = layout.owner
         parts = [np.where(part, S, 0.0) for S in found for part in (~owner, owner, True)]
         log_prior = np.log(np.tile(PRIORS, len(found)) / len(found))

@@ -111,11 +111,10 @@ def test_steps_of_smoothing_are_taken_out_by_a_smoothed_reference(steps, reliefs
 def test_the_steps_are_found_without_the_key() -> None:
     frame = frame_of(bumpy_sphere(3, HORNS, 1.0, 0.35))
     relief, L = Relief(), polygon_umbrella(frame.topology)
-    layout = relief.layout(frame)
     for steps in (0, 1, 6, 20, 50):
         copy = smooth(frame.points, L, steps)
         # As near as those steps are to each other that are tried.
-        found = relief.treatment([view(frame, copy)], layout)
+        found = relief.treatment([view(frame, copy)])
         # Few long steps do what more short ones do, nearly.
         assert not found.taubin
         assert found.step * found.count == pytest.approx(0.1 * steps, rel=0.25)
@@ -124,10 +123,9 @@ def test_the_steps_are_found_without_the_key() -> None:
 def test_other_kinds_of_smoothing_are_told_apart() -> None:
     frame = frame_of(bumpy_sphere(3, HORNS, 1.0, 0.35))
     relief = Relief()
-    layout = relief.layout(frame)
     for treatment in (Treatment(step=0.5, count=10), Treatment(step=0.5, count=30, taubin=True)):
         copy = treatment.surface(frame)[1].points
-        assert relief.treatment([view(frame, copy)], layout) == treatment
+        assert relief.treatment([view(frame, copy)]) == treatment
 
 
 def cage() -> Frame:
@@ -157,7 +155,7 @@ def test_a_subdivided_cage_is_read_beside_the_subdivided_reference(rule) -> None
     # Levels of subdivision are wider than the finest patches, and blur them.
     assert likeness(heights(marked, treatment), f) > 0.7
     assert likeness(heights(marked), f) < 0.6
-    found = Relief().treatment([marked], Relief().layout(frame))
+    found = Relief().treatment([marked])
     assert found == treatment
 
 
