@@ -15,10 +15,11 @@ import pytest
 
 import meshmark
 from folders import REPOSITORY
+from meshmark.mesh.kernels import LOOPS
 
 CORE = REPOSITORY / "meshmark"
 PLUGINS = REPOSITORY / "plugins" / "meshmark_plugins"
-HEAVY = ("pxr", "open3d", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")
+HEAVY = ("pxr", "open3d", "numba", "potpourri3d", "pygeodesic", "fast_simplification", "pytest")
 # Half a second together, which --help has no use for.
 NUMERIC = ("numpy", "scipy", "cryptography")
 # This is where open3d is imported, by name; nobody else does it.
@@ -175,4 +176,14 @@ def test_open3d_is_imported_through_its_door() -> None:
         if path != DOOR
         for name in imports_of(path, path.parent)
         if within(name, "open3d")
+    ]
+
+
+def test_compiled_loops_are_let_in_by_kernels() -> None:
+    """Whoever imported them, or numba, would need numba, and read settings wherever he works."""
+    assert not [
+        f"{path.relative_to(REPOSITORY)} imports {name}"
+        for path in modules_of(CORE) + modules_of(PLUGINS)
+        for name in imports_of(path, REPOSITORY)
+        if within(name, "numba") or within(name, LOOPS)
     ]

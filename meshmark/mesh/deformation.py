@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
+from meshmark.mesh.kernels import compiled
 from meshmark.mesh.topology import edges
 
 # Edges shorter than this share of their one-ring's RMS length gain no further weight: their
@@ -55,16 +57,15 @@ class Deformation:
         order = np.argsort(i, kind="stable")
         self._i, self._j = i[order], j[order]
         degree = np.bincount(i, minlength=n)
-        start = np.concatenate([[0], np.cumsum(degree)])
-        self._sum = csr_matrix((np.ones(len(i)), np.arange(len(i)), start), shape=(n, len(i)))
+        self._start = np.concatenate([[0], np.cumsum(degree)])
 
-        e = self._edges(V)
+        e = V[self._j] - V[self._i]
         square = np.einsum("hc,hc->h", e, e)
-        mean_square = (self._sum @ square) / np.maximum(degree, 1)
+        mean_square = (_sums(self._start) @ square) / np.maximum(degree, 1)
         floor = square + _SHORT**2 * mean_square[self._i]
         weight = np.divide(1.0, floor * degree[self._i], out=np.zeros_like(floor), where=floor > 0)
 
-        spread, U = np.linalg.eigh(self._outer_sums(weight[:, None] * e, e))
+        spread, U = np.linalg.eigh(_outer_sums(self._start, weight[:, None] * e, e))
         # Largest first, and right-handed, so that the cross product of images keeps the side.
         first, second = U[:, :, 2], U[:, :, 1]
         self._axes = np.stack([first, second, np.cross(first, second)], axis=2)
@@ -86,12 +87,7 @@ class Deformation:
         (N, 3, 3) float64
             G of each vertex: what was a short vector v there is G v now.
         """
-        images = self._outer_sums(self._edges(V), self._share)
-        images = np.where(self._known[:, None, :], images, self._axes[:, :, :2])
-        n = np.cross(images[:, :, 0], images[:, :, 1])
-        area = lengths(n)[:, None]
-        n = np.divide(n, np.sqrt(area), out=np.zeros_like(n), where=area > 0)
-        return np.concatenate([images, n[:, :, None]], axis=2) @ np.swapaxes(self._axes, 1, 2)
+        return fitted_gradients(V, self._start, self._j, self._share, self._axes, self._known)
 
     def carry(self, D: FloatArray, V: FloatArray) -> FloatArray:
         """Carry a vector of each vertex along with the surface.
@@ -110,11 +106,47 @@ class Deformation:
         """
         return np.einsum("nij,nj->ni", self.gradients(V), D)
 
-    def _edges(self, V: FloatArray) -> FloatArray:
-        """Compute each vertex's edges to its neighbours, vertex after vertex, (2E, 3)."""
-        return V[self._j] - V[self._i]
 
-    def _outer_sums(self, X: FloatArray, Y: FloatArray) -> FloatArray:
-        """Sum the outer products of vectors of each vertex's edges, (N, X's width, Y's width)."""
-        products = (X[:, :, None] * Y[:, None, :]).reshape(len(X), -1)
-        return (self._sum @ products).reshape(-1, X.shape[1], Y.shape[1])
+@compiled
+def fitted_gradients(
+    V: FloatArray,
+    start: IntArray,
+    neighbours: IntArray,
+    share: FloatArray,
+    axes: FloatArray,
+    known: NDArray[np.bool_],
+) -> FloatArray:
+    """Fit the gradient of each vertex of V (N, 3) to the edges to its neighbours, (N, 3, 3).
+
+    Parameters
+    ----------
+    start : (N + 1,) int
+        Where the neighbours of each vertex begin.
+    neighbours : (2E,) int
+        Neighbours of vertex after vertex.
+    share : (2E, 2) float64
+        Share of each edge in the images of the first two axes.
+    axes : (N, 3, 3) float64
+        Principal directions of the reference, as columns.
+    known : (N, 2) bool
+        Which of the first two the edges tell of; others keep their place.
+    """
+    here = np.repeat(np.arange(len(V)), np.diff(start))
+    images = _outer_sums(start, V[neighbours] - V[here], share)
+    images = np.where(known[:, None, :], images, axes[:, :, :2])
+    n = np.cross(images[:, :, 0], images[:, :, 1])
+    area = lengths(n)[:, None]
+    n = np.divide(n, np.sqrt(area), out=np.zeros_like(n), where=area > 0)
+    return np.concatenate([images, n[:, :, None]], axis=2) @ np.swapaxes(axes, 1, 2)
+
+
+def _outer_sums(start: IntArray, X: FloatArray, Y: FloatArray) -> FloatArray:
+    """Sum the outer products of vectors of each vertex's edges, (N, X's width, Y's width)."""
+    products = (X[:, :, None] * Y[:, None, :]).reshape(len(X), -1)
+    return (_sums(start) @ products).reshape(-1, X.shape[1], Y.shape[1])
+
+
+def _sums(start: IntArray) -> csr_matrix:
+    """Build the matrix that sums over the edges of each vertex, (N, 2E) sparse."""
+    n = int(start[-1])
+    return csr_matrix((np.ones(n), np.arange(n), start), shape=(len(start) - 1, n))

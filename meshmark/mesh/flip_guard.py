@@ -6,6 +6,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
+from meshmark.mesh.kernels import compiled
 from meshmark.mesh.topology import any_corner, edges
 
 # Longest move of a vertex, in mean lengths of its own edges: a vertex that slid farther would
@@ -57,9 +58,23 @@ def allowed_shares(
         length = lengths(moved - V)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
+    return untilted_shares(V, moved, F, share, least_cosine, HALVINGS)
+
+
+@compiled
+def untilted_shares(
+    V: FloatArray,
+    moved: FloatArray,
+    F: IntArray,
+    share: FloatArray,
+    least_cosine: float,
+    halvings: int,
+) -> FloatArray:
+    """Halve the shares (N,) of offending faces' corners so many times, then drop their moves."""
+    share = share.copy()
     tilts = _Tilts(V, moved, F, least_cosine)
     suspects = np.arange(len(F))
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         corners = tilts.offending_corners(share, suspects)
         share[corners] *= 0.5
         suspects = _faces_of(corners, F, len(V))

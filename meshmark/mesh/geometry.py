@@ -8,6 +8,8 @@ from meshmark.arrays import FloatArray, IntArray
 
 # Lengths below this count as none: squares of anything shorter would underflow.
 TINY = 1e-150
+# Triangles with a smaller squared sine of an angle have no plane: rounding decides where it lies.
+FLAT = 1e-14
 
 
 def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:

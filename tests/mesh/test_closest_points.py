@@ -50,6 +50,15 @@ def test_triangles_without_area():
     np.testing.assert_allclose(found, [[1.5, 0, 0], [1, 1, 1]], atol=1e-15)
 
 
+def test_triangles_whose_area_is_rounding():
+    # On a line, but for how its points are rounded.
+    t = np.random.default_rng(0).uniform(size=(1000, 4, 1))
+    a, b, c, p = ((0.1, 0.2, 0.3) + t * (0.3, 0.1, 0.7)).swapaxes(0, 1)
+    p = np.clip(p, np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+    found = np.einsum("nk,knx->nx", closest_in_triangle(p, a, b, c), np.stack([a, b, c]))
+    np.testing.assert_allclose(found, p, atol=1e-15)
+
+
 def test_closest_points_of_a_sphere_lie_on_its_faces():
     V, F = sphere(1000)
     Q = 1.5 * sphere(333)[0]

@@ -13,6 +13,7 @@ from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.topology import face_components
+from meshmark.mesh.triangle_search import search_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,14 @@ class DisplacementTransfer:
     def deformation(self) -> Deformation:
         """How the surface turns and stretches from the reference to other frames."""
         return Deformation(self.V, self.F)
+
+    @cached_property
+    def _order(self) -> IntArray | None:
+        return search_order(self.V, self.F)
+
+    def closest_points(self, P: FloatArray) -> ClosestPoints:
+        """Build the surface of another frame, to lie on."""
+        return ClosestPoints(P, self.F, self._order)
 
     def apply(
         self, P: FloatArray, d: FloatArray, original: ClosestPoints

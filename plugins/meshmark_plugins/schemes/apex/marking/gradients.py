@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
+from meshmark.mesh.kernels import compiled
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 
 
@@ -18,15 +19,20 @@ def distance_directions(field: GeodesicField) -> FloatArray:
     Shorter than 1 where the triangles about a vertex disagree, as at the anchor and where paths
     from two sides meet.
     """
-    V, F = field.V, field.component.faces
+    return growth_directions(field.V, field.component.faces, field.H)
+
+
+@compiled
+def growth_directions(V: FloatArray, F: IntArray, H: FloatArray) -> FloatArray:
+    """Average unit gradients of functions H (m, n) over the triangles at vertices, (m, n, 3)."""
     vectors = area_vectors(V, F)
     areas = lengths(vectors)
     normals = normalized(vectors)
     opposite = [np.cross(normals, V[F[:, k - 1]] - V[F[:, k - 2]]) for k in range(3)]
     about = np.maximum(sum_at_corners(areas, F, len(V)), 1e-300)[:, None]
     directions = []
-    for H in field.H:
-        slope = normalized(sum(H[F[:, k], None] * opposite[k] for k in range(3)))
+    for h in H:
+        slope = normalized(sum(h[F[:, k], None] * opposite[k] for k in range(3)))
         directions.append(sum_at_corners(areas[:, None] * slope, F, len(V)) / about)
     return np.array(directions)
 

@@ -9,7 +9,6 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.flip_guard import restrain
 from meshmark.metrics.summary import standard_error
 from meshmark.metrics.surface_distance import surface_distance
@@ -73,7 +72,7 @@ class SurfacePlan:
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index`."""
         P, F = frame.points, frame.faces
-        original = ClosestPoints(P, F)
+        original = self.transfer.closest_points(P)
         X, _ = self.transfer.apply(P, self.displacement(index), original)
         return restrain(P, fit_to_surface(X, F, original), F, np.inf)
 

@@ -11,7 +11,6 @@ from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.closest_points import ClosestPoints
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.chips.soft_chips import (
     ATTACK_NOISE,
@@ -95,7 +94,7 @@ class PoseConstraints:
     def shares(self, index: int, d: FloatArray) -> FloatArray:
         """Find how much of its move frame `index` leaves each vertex, (N,)."""
         P = self.animation[index].points
-        return self.transfer.apply(P, d, ClosestPoints(P, self.transfer.F))[1]
+        return self.transfer.apply(P, d, self.transfer.closest_points(P))[1]
 
     def constraints(
         self, index: int, d: FloatArray, fields: PoseFields | None = None
@@ -119,7 +118,7 @@ class PoseConstraints:
             What to hand over another time.
         """
         P, F = self.animation[index].points, self.transfer.F
-        X, _ = self.transfer.apply(P, d, ClosestPoints(P, F))
+        X, _ = self.transfer.apply(P, d, self.transfer.closest_points(P))
         anchors = replace(self.anchors, vertices=self.pose_vertices[index])
         measured = fields or PoseFields(anchors.fields(X, F, self.transfer.label))
         G = self.transfer.root_area * self.transfer.deformation.gradients(P)

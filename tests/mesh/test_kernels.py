@@ -1,0 +1,158 @@
+"""Compiled loops do what functions in numpy do, and are compiled by nobody's settings but ours."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from meshmark.mesh import deformation, flip_guard, kernels
+from meshmark.mesh.geometry import edge_length
+from meshmark.testing.meshes import icosphere, plane, torus
+from meshmark_plugins.schemes.apex.marking import gradients
+
+pytest.importorskip("numba")
+
+MESHES = [plane(7), icosphere(2), torus(12, 9)]
+# Functions that a loop stands in for.
+TWINS = [
+    deformation.fitted_gradients,
+    flip_guard.untilted_shares,
+    gradients.growth_directions,
+]
+TOLERANCE = 1e-12
+
+
+@st.composite
+def crumpled_meshes(draw):
+    """Draw a mesh with some of its triangles reversed, collapsed or repeated, and a generator."""
+    V, F = draw(st.sampled_from(MESHES))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    V = V + draw(st.floats(0.0, 0.3)) * edge_length(V, F) * rng.normal(size=V.shape)
+    F = F.copy()
+    some = rng.integers(len(F), size=(3, draw(st.integers(0, 4))))
+    F[some[0]] = F[some[0]][:, ::-1]
+    F[some[1], 0] = F[some[1], 1]
+    return V, np.concatenate([F, F[some[2]]]), rng
+
+
+def agree(function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
+    """Call a function and its twin; return what both found."""
+    found, wanted = function(*arguments), function.__wrapped__(*arguments)
+    np.testing.assert_allclose(found, wanted, rtol=TOLERANCE, atol=TOLERANCE)
+    return found
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
+def test_gradients(crumpled):
+    V, F, rng = crumpled
+    shapes = deformation.Deformation(V, F)
+    arguments = (shapes._start, shapes._j, shapes._share, shapes._axes, shapes._known)
+    moved = V @ rng.normal(size=(3, 3)) + 0.1 * rng.normal(size=V.shape)
+    agree(deformation.fitted_gradients, moved, *arguments)
+
+
+@given(crumpled_meshes(), st.floats(0.1, 2.0), st.sampled_from([0.25, 0.94]))
+@settings(max_examples=30)
+def test_shares(crumpled, size, least_cosine):
+    V, F, rng = crumpled
+    moved = V + size * edge_length(V, F) * rng.normal(size=V.shape)
+    moved[: len(V) // 2] = V[: len(V) // 2]
+    agree(flip_guard.untilted_shares, V, moved, F, np.ones(len(V)), least_cosine, 6)
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
+def test_directions(crumpled):
+    V, F, rng = crumpled
+    agree(gradients.growth_directions, V, F, rng.normal(size=(3, len(V))))
+
+
+def test_each_loop_has_a_twin_of_the_same_parameters():
+    """A loop that no function uses would not be tested; one with others would go wrong."""
+    loops = kernels.load_loops()
+    public = {
+        name: loop
+        for name, loop in vars(loops).items()
+        if hasattr(loop, "py_func") and not name.startswith(("_", "tree_", "closest_"))
+    }
+    assert set(public) == {twin.__name__ for twin in TWINS}
+    for twin in TWINS:
+        wanted = list(inspect.signature(twin).parameters)
+        assert list(inspect.signature(public[twin.__name__].py_func).parameters) == wanted
+
+
+def test_loops_are_compiled_once_whatever_arrays_they_get():
+    V, F = MESHES[1]
+    H = np.ones((2, len(V))) * V[:, 0]
+    wanted = gradients.growth_directions(V, F, H)
+    fixed = V.copy()
+    fixed.flags.writeable = False
+    for other in (fixed, np.asfortranarray(V), np.repeat(V, 2, axis=0)[::2]):
+        found = gradients.growth_directions(other, F.astype(np.int32), H)
+        np.testing.assert_array_equal(found, wanted)
+    assert len(kernels.load_loops().growth_directions.signatures) == 1
+
+
+def test_without_numba_the_twins_work(monkeypatch):
+    V, F = MESHES[1]
+    H = np.ones((1, len(V))) * V[:, 0]
+    with_loops = gradients.growth_directions(V, F, H)
+    monkeypatch.setitem(sys.modules, "numba.core.config", None)
+    kernels._load_loops.cache_clear()
+    try:
+        assert kernels.load_loops() is None
+        np.testing.assert_allclose(gradients.growth_directions(V, F, H), with_loops, atol=1e-14)
+    finally:
+        monkeypatch.undo()
+        kernels._load_loops.cache_clear()
+    assert kernels.load_loops() is not None
+
+
+def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch):
+    caching = importlib.import_module("numba.core.caching")
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    assert kernels.compile_loop(lambda x: x + 1)(2) == 3
+
+
+# A module named yaml stands in for PyYAML, which need not be there.
+SETTINGS = """
+import sys, types, warnings
+warnings.simplefilter("error")
+yaml = types.ModuleType("yaml")
+yaml.safe_load = lambda file: print("settings were read")
+{before}sys.modules["yaml"] = yaml
+from meshmark.mesh.kernels import load_loops
+loops = load_loops()
+sys.modules["yaml"] = yaml
+import numba
+numba.core.config.reload_config()
+print(sys.modules["yaml"] is yaml, loops.__name__)
+"""
+
+
+@pytest.mark.parametrize(
+    "before", ["", pytest.param("# ", marks=pytest.mark.slow)], ids=["imported", "not imported"]
+)
+def test_no_settings_are_read_in_the_working_directory(tmp_path: Path, before: str):
+    """They might name a folder of compiled code."""
+    (tmp_path / ".numba_config.yaml").write_text(f"cache_dir: {tmp_path}\n")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", SETTINGS.format(before=before)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.stdout == f"True {kernels.LOOPS}\n", done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [".numba_config.yaml"]
