@@ -67,6 +67,13 @@ def test_templates_of_plugins_are_inside(wheel: zipfile.ZipFile) -> None:
         assert wheel.read(path.relative_to(REPOSITORY).as_posix()) == path.read_bytes()
 
 
+def test_the_parts_of_reports_are_inside(wheel: zipfile.ZipFile) -> None:
+    assets = list((REPOSITORY / "meshmark" / "reporting" / "assets").iterdir())
+    assert {"page.html", "page.css", "viewer.js", "viewer.LICENSE.txt"} == {a.name for a in assets}
+    for path in assets:
+        assert wheel.read(path.relative_to(REPOSITORY).as_posix()) == path.read_bytes()
+
+
 def test_nothing_else_is_inside(wheel: zipfile.ZipFile) -> None:
     tops = {name.partition("/")[0] for name in wheel.namelist()}
     assert {top.partition("-")[0] for top in tops} == {"meshmark", "meshmark_plugins"}

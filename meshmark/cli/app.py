@@ -18,6 +18,7 @@ from meshmark.cli.inspect import inspect
 from meshmark.cli.keygen import keygen
 from meshmark.cli.ledger import ledger
 from meshmark.cli.plugins import plugins
+from meshmark.cli.report import report
 from meshmark.cli.segment import segment
 from meshmark.cli.verify import verify
 
@@ -53,6 +54,7 @@ for command in (
     embed,
     verify,
     identify,
+    report,
     align,
     check,
     attack,

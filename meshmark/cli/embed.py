@@ -27,6 +27,7 @@ from meshmark.cli.options import (
     load_key,
     reader_parameters,
 )
+from meshmark.cli.repeating import typed_command
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_LAYERS, DEFAULT_SEGMENTER
 from meshmark.usd.names import BAKE, FOLLOW
 
@@ -37,6 +38,7 @@ NOT_ALL_MARKED = 1
 
 
 def embed(
+    context: typer.Context,
     source: SourceArgument,
     output: OutputOption,
     key: KeyOption,
@@ -154,6 +156,12 @@ def embed(
             "--c2pa-tsa", metavar="URL", help="Have the signature stamped by this authority."
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write an HTML page, too: before and after, displacement, figures."
+        ),
+    ] = None,
     check_all: Annotated[
         bool,
         typer.Option(
@@ -177,6 +185,8 @@ def embed(
         scheme, segmenter, geodesic, settings, strength=strength, max_mrms=max_mrms
     )
     secret = load_key(key)
+    parameters = reader_parameters(clip, fps, variant, uncompress=uncompress)
+    _require_page(report, dry_run)
     signer = _signer(c2pa, c2pa_key, c2pa_tsa)
     recorder = _recorder(ledger, asset, asset_version, output, master)
     with frame_progress() as progress:
@@ -186,7 +196,7 @@ def embed(
             secret,
             recipe=layers,
             prims=prim,
-            parameters=reader_parameters(clip, fps, variant, uncompress=uncompress),
+            parameters=parameters,
             frames=frames,
             recipient=None if recipient is None else _name(recipient),
             master=master,
@@ -214,6 +224,26 @@ def embed(
         say(f"{document['c2pa']['file']}: signed, record {document['record']}")
     if recorder is not None:
         recorder.tell()
+    if report is not None:
+        from meshmark.files.atomic import write_text
+        from meshmark.reporting.report import mark_page
+
+        instead = {"key": "KEYFILE", "c2pa_key": "KEYFILE"}
+        if recorder is not None:
+            # A URL may hold a password; the name does not.
+            instead["ledger"] = recorder.ledger.name
+        text = mark_page(
+            document,
+            source,
+            output,
+            recipes=layers,
+            parameters=parameters,
+            command=typed_command(context, instead),
+            master=master,
+            trusted=trusted,
+        )
+        write_text(text, report)
+        say(f"{report}: written, {len(text.encode()) / 1e6:.2f} MB")
     few([_told_of_variants(each) for each in document.get("variants", [])], every)
     shared = document.get("shared_shapes", [])
     few([f"{shape}: this blend shape stays: several meshes share it" for shape in shared], every)
@@ -229,6 +259,19 @@ def embed(
     # What a deliverable may leave unmarked was agreed to before it was written.
     if (document["skipped"] and not deliver) or found["verdict"] == "not marked":
         raise typer.Exit(NOT_ALL_MARKED)
+
+
+def _require_page(report: Path | None, dry_run: bool) -> None:
+    """Refuse a report that cannot be written, before any work is done."""
+    from meshmark.errors import UsageError
+
+    if report is None:
+        return
+    if dry_run:
+        raise UsageError("--report tells of what was written; --dry-run writes nothing")
+    from meshmark.reporting.report import require_page
+
+    require_page(report)
 
 
 def _recorder(

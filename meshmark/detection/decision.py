@@ -10,6 +10,7 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.pooling import POOLED_SHARE, Pool, pools
+from meshmark.detection.searched import Searched
 from meshmark.detection.significance import HypothesisResult, judge_each
 from meshmark.detection.verdict import (
     Answer,
@@ -92,6 +93,15 @@ def decide(
     best = min(all_judged, key=lambda one: one.log10_p)
     reachable = min(one.reachable for one in all_judged) - spare
     answer = _answer(best.log10_p, reachable, log10_fpr)
+    searched = Searched(
+        beside=any(item.informed is not None for item in evidence),
+        schemes=n_schemes,
+        names=len(hypotheses),
+        candidates=len(all_judged),
+        candidate_share=float(10.0 ** (correction - best.correction)),
+        look_share=share,
+        log10_p=best.log10_p,
+    )
     return Verdict(
         source=source,
         verdict=answer,
@@ -103,6 +113,7 @@ def decide(
         recipients=best_of_each(named for one in all_judged for named in one.named),
         pooled=best_of_each_scheme(one.verdict for one in several),
         hope=min(one.unlimited_log10_p for one in all_judged) + float(np.log10(share)),
+        searched=(searched,),
     )
 
 
@@ -220,6 +231,8 @@ class _Several:
         Lowest bound that the best of keys could reach.
     named : tuple of Named
         Everybody whose words are in it.
+    correction : float
+        Log10 of the number of hypotheses that the bound is the best of.
     """
 
     verdict: PooledVerdict
@@ -227,6 +240,7 @@ class _Several:
     recipient: str | None
     reachable: float
     named: tuple[Named, ...]
+    correction: float
 
     @classmethod
     def of(
@@ -249,6 +263,7 @@ class _Several:
             hypotheses[best],
             pool.reachable_log10_p + correction,
             tuple(Named(hypotheses[n], float(log10_p[n])) for n in fitting),
+            correction,
         )
 
     @property

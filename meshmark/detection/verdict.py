@@ -11,6 +11,7 @@ import numpy as np
 
 from meshmark.detection.evidence import InformedFacts
 from meshmark.detection.looks import TakenLook
+from meshmark.detection.searched import Searched
 from meshmark.detection.significance import HypothesisResult
 from meshmark.files.atomic import number
 
@@ -178,6 +179,8 @@ class Verdict:
         Why no further one was: "marked", "no hope" or "all seen".
     hope : float
         `log10_p` before it is limited to 0, and corrected for the share of its look.
+    searched : tuple of Searched
+        What the bound is corrected for: of the copy alone, and beside its original.
     """
 
     source: str
@@ -194,6 +197,7 @@ class Verdict:
     looks: tuple[TakenLook, ...] = ()
     ended: End | None = None
     hope: float = math.inf
+    searched: tuple[Searched, ...] = ()
 
     @classmethod
     def of_nothing(cls, source: str, notes: Sequence[str] = (), elapsed_s: float = 0.0) -> Verdict:
@@ -287,6 +291,7 @@ def jointly(blind: Verdict, informed: Verdict, fpr: float) -> Verdict:
         pooled=(*blind.pooled, *informed.pooled),
         looks=blind.looks,
         ended=blind.ended,
+        searched=(*blind.searched, *informed.searched),
     )
 
 

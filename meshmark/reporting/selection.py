@@ -1,0 +1,85 @@
+"""What of an asset is shown: some points of its meshes, at some times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from meshmark.arrays import FloatArray
+from meshmark.errors import CapacityError, InputError
+from meshmark.extension.recipe import Recipe
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.frame_range import spread
+from meshmark.reporting.decimation import ShownMesh, shown_mesh
+
+# Frames and points that are shown at most, and meshes, the largest first.
+FRAMES, POINTS, MESHES = 16, 6000, 48
+# Of these points, what every mesh gets, however small it is.
+EACH = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Points of meshes, and times.
+
+    Parameters
+    ----------
+    meshes : tuple of ShownMesh
+    times : (T,) float64
+        Time codes; the one of a mesh that has no times is NaN.
+    n_frames, n_meshes, n_points : int
+        What there is in all: frames of the longest mesh, meshes, and their points.
+    """
+
+    meshes: tuple[ShownMesh, ...]
+    times: FloatArray
+    n_frames: int
+    n_meshes: int
+    n_points: int
+
+    @property
+    def shown(self) -> int:
+        """Points that are shown."""
+        return sum(len(mesh.points) for mesh in self.meshes)
+
+    def at(self, times: Sequence[float]) -> Selection:
+        """Choose from other times."""
+        wanted = np.array(times, dtype=np.float64)
+        return replace(self, times=wanted[spread(len(wanted), FRAMES)])
+
+
+def select(asset: Asset, recipes: Sequence[Recipe] = ()) -> Selection | None:
+    """Choose what of an asset is shown; None if nothing of it can be.
+
+    Parameters
+    ----------
+    asset : Asset
+    recipes : sequence of Recipe
+        Schemes of which it is shown where their carriers stand.
+    """
+    sizes = {mesh.prim: _size(mesh) for mesh in asset.meshes}
+    largest = sorted(asset.meshes, key=lambda mesh: -sizes[mesh.prim])[:MESHES]
+    total = max(1, sum(sizes[mesh.prim] for mesh in largest))
+    spare = POINTS - EACH * len(largest)
+    chosen = []
+    for mesh in largest:
+        try:
+            chosen.append(shown_mesh(mesh, EACH + spare * sizes[mesh.prim] // total, recipes))
+        except (CapacityError, InputError):
+            # Verdicts tell of meshes that cannot be read.
+            continue
+    if not chosen:
+        return None
+    lead = max((each.mesh for each in chosen), key=len)
+    times = lead.times[spread(len(lead), FRAMES)]
+    return Selection(tuple(chosen), times, len(lead), len(asset.meshes), sum(sizes.values()))
+
+
+def _size(mesh: MeshAnimation) -> int:
+    try:
+        return int(mesh[0].topology.n_points)
+    except InputError:
+        return 0

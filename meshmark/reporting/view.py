@@ -1,0 +1,192 @@
+"""What the page shows in three dimensions: a few points in a few frames, and values on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.errors import InputError
+from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.checks import require_measurable
+from meshmark.mesh.frame_range import spread
+from meshmark.reporting.camera import Camera, camera_for
+from meshmark.reporting.decimation import ShownMesh
+from meshmark.reporting.selection import Selection
+
+# Bytes of arrays that a view may have; as text they take a third more.
+ROOM = 690_000
+# Bytes of a point: in a frame, its value there, its move there, and its triangles and part.
+POSITION, VALUE, MOVE, ONCE = 6, 1, 3, 13
+# Share of the values that the colours reach up to; the rest has the last colour.
+REACHED = 0.995
+
+# Returns values (n,) on points (n, 3) of a mesh at a time, as shares of the diagonal.
+Values = Callable[[FloatArray, float], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Heat:
+    """A value on every point, shown by colours.
+
+    Parameters
+    ----------
+    label : str
+        What it is.
+    values : (T, n) float64
+        Shares of the diagonal.
+    top : float
+        Value of the last colour.
+    """
+
+    label: str
+    values: FloatArray
+    top: float
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What is shown, in lengths of the diagonal, Y up.
+
+    Parameters
+    ----------
+    selection : Selection
+        What was chosen of the asset.
+    times : (T,) float64
+        Time codes of the frames that could be read.
+    positions : (T, n, 3) float64
+        The mean of every frame is in the same place.
+    faces : (f, 3) int
+    parts : (n,) int
+        Which part each point belongs to, from 0.
+    legend : tuple of str
+        Names of the parts.
+    anchors : (a,) int
+        Points at which carriers stand.
+    camera : Camera
+    heat : Heat or None
+    moves : (T, n, 3) float64 or None
+        Displacements by the mark.
+    """
+
+    selection: Selection
+    times: FloatArray
+    positions: FloatArray
+    faces: IntArray
+    parts: IntArray
+    legend: tuple[str, ...]
+    anchors: IntArray
+    camera: Camera
+    heat: Heat | None = None
+    moves: FloatArray | None = None
+
+
+def view_of(
+    asset: Asset,
+    selection: Selection,
+    *,
+    label: str = "",
+    values: Values | None = None,
+    marked: Asset | None = None,
+) -> View | None:
+    """Read the chosen points at the chosen times; None if nothing can be shown.
+
+    Parameters
+    ----------
+    asset : Asset
+    selection : Selection
+        What of it is shown.
+    label : str
+        What the colours show.
+    values : callable, optional
+        Gives that.
+    marked : Asset, optional
+        The same meshes once they were marked: displacements are shown.
+    """
+    shown = selection.meshes
+    twins = None if marked is None else [marked.mesh(each.mesh.prim) for each in shown]
+    of_point = POSITION + (values is not None or twins is not None) + MOVE * (twins is not None)
+    room = max(1, (ROOM // selection.shown - ONCE) // of_point)
+    frames: dict[float, FloatArray] = {}
+    after: list[FloatArray] = []
+    told: list[FloatArray] = []
+    for time in selection.times[spread(len(selection.times), room)].tolist():
+        try:
+            P = np.concatenate([_points(each.mesh, each, time) for each in shown])
+            if twins is not None:
+                pairs = zip(twins, shown, strict=True)
+                after.append(np.concatenate([_points(twin, each, time) for twin, each in pairs]))
+        except InputError:
+            # Verdicts tell of frames that cannot be read.
+            continue
+        if values is not None:
+            told.append(values(P, time))
+        frames[time] = P
+    if not frames:
+        return None
+    P = np.array(list(frames.values()))
+    diagonal = float(np.linalg.norm(np.ptp(P[0], axis=0)))
+    if not diagonal > 0.0:
+        return None
+    X = _upright(P - P.mean(axis=1, keepdims=True), asset.up_axis) / diagonal
+    X = X - (X.min(axis=(0, 1)) + X.max(axis=(0, 1))) / 2
+    moves = _upright(np.array(after) - P, asset.up_axis) / diagonal if after else None
+    shares = np.array(told) if moves is None else np.linalg.norm(moves, axis=2)
+    start = np.cumsum([0, *(len(each.points) for each in shown)])
+    parts, legend = _parts(shown)
+    return View(
+        selection=selection,
+        times=np.array(list(frames)),
+        positions=X,
+        faces=np.concatenate([each.faces + n for each, n in zip(shown, start, strict=False)]),
+        parts=parts,
+        legend=legend,
+        anchors=np.concatenate([each.anchors + n for each, n in zip(shown, start, strict=False)]),
+        camera=camera_for(X),
+        heat=_heat(label, shares) if shares.size else None,
+        moves=moves,
+    )
+
+
+def steps(values: FloatArray, reach: float, kind: type[Any]) -> NDArray[Any]:
+    """Round values to whole steps of a type of integers, all of which `reach` takes."""
+    most = np.iinfo(kind).max
+    return np.clip(np.rint(values / reach * most), -most, most).astype(kind)
+
+
+def _points(mesh: MeshAnimation, shown: ShownMesh, time: float) -> FloatArray:
+    """Read the chosen points of a mesh at the frame that is nearest in time."""
+    gaps = np.abs(np.nan_to_num(mesh.times) - np.nan_to_num(time))
+    P = mesh[int(gaps.argmin())].points[shown.points]
+    require_measurable(P)
+    return P
+
+
+def _upright(P: FloatArray, up_axis: str) -> FloatArray:
+    """Turn (..., 3) so that Y is up."""
+    if up_axis != "Z":
+        return P
+    x, y, z = np.moveaxis(P, -1, 0)
+    return np.stack([x, z, -y], axis=-1)
+
+
+def _heat(label: str, shares: FloatArray) -> Heat:
+    top = float(np.quantile(shares, REACHED))
+    return Heat(label, shares, top or float(shares.max()) or 1e-9)
+
+
+def _parts(shown: Sequence[ShownMesh]) -> tuple[IntArray, tuple[str, ...]]:
+    """Tell apart the connected surfaces of all meshes, and name them."""
+    parts: list[IntArray] = []
+    legend: list[str] = []
+    for each in shown:
+        surfaces, own = np.unique(each.surfaces, return_inverse=True)
+        parts.append(len(legend) + own)
+        numbered = [f"{each.mesh.prim}, surface {k + 1}" for k in range(len(surfaces))]
+        legend += numbered if len(numbered) > 1 else [each.mesh.prim]
+    return np.concatenate(parts), tuple(legend)

@@ -1,0 +1,147 @@
+"""Few points stand for a mesh in all frames: positions, distances and displacements are true."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmark.alignment.align import align
+from meshmark.errors import InputError
+from meshmark.mesh.animation import Frame, MappedFrames, MeshAnimation
+from meshmark.mesh.asset import Asset, as_asset
+from meshmark.reporting.decimation import shown_mesh, simplified
+from meshmark.reporting.distances import Distances
+from meshmark.reporting.selection import FRAMES, MESHES, select
+from meshmark.reporting.view import ROOM, view_of
+from meshmark.testing.meshes import icosphere, plane, side_by_side, torus
+
+
+def moving_torus(n_frames: int = 3) -> MeshAnimation:
+    V, F = torus(24, 12)
+    walk = np.linspace(0.0, 30.0, n_frames)[:, None, None] * np.array([1.0, 0.0, 0.0])
+    return MeshAnimation.from_arrays(V + walk, F, prim="/Ring")
+
+
+def test_a_simplified_sphere_is_round_and_made_of_its_own_points() -> None:
+    V, F = icosphere(4)
+    kept, faces = simplified(V, F, 300)
+    assert 150 < len(kept) <= 300
+    assert np.allclose(np.linalg.norm(V[kept], axis=1), 1.0)
+    a, b, c = V[kept][faces].swapaxes(0, 1)
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx(4 / 3 * np.pi, rel=0.05)
+    assert (np.bincount(faces.ravel(), minlength=len(kept)) > 0).all()
+
+
+def test_what_is_small_is_shown_whole() -> None:
+    V, F = icosphere(1)
+    shown = shown_mesh(MeshAnimation.from_arrays(V, F), 100)
+    assert sorted(shown.points.tolist()) == list(range(42))
+    assert len(shown.faces) == 80
+
+
+def test_soup_that_cannot_be_simplified_still_has_no_more_points() -> None:
+    rng = np.random.default_rng(2)
+    V = rng.random((3000, 3))
+    kept, faces = simplified(V, np.arange(3000).reshape(-1, 3), 200)
+    assert len(kept) <= 200
+    assert faces.max(initial=-1) < len(kept)
+
+
+def test_a_view_follows_a_mesh_that_walks_away() -> None:
+    asset = as_asset(moving_torus())
+    view = view_of(asset, select(asset))
+    assert view is not None
+    assert np.allclose(view.positions, view.positions[:1])
+    assert np.linalg.norm(np.ptp(view.positions[0], axis=0)) == pytest.approx(1.0)
+    assert view.times.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_z_up_is_turned_and_not_mirrored() -> None:
+    V, F = torus(12, 8)
+    asset = Asset("t", (MeshAnimation.from_arrays(V, F),), "memory", up_axis="Z")
+    turned = view_of(asset, select(asset)).positions[0]
+    flat = view_of(as_asset(asset.meshes[0]), select(asset)).positions[0]
+    assert np.allclose(turned[:, 1], flat[:, 2])
+    assert np.allclose(turned[:, 2], -flat[:, 1])
+
+
+def test_every_point_is_in_the_picture() -> None:
+    asset = as_asset(moving_torus())
+    view = view_of(asset, select(asset))
+    camera = view.camera
+    right, up, back = camera.axes @ (view.positions[0] - camera.position).T
+    slope = np.tan(np.radians(28.0) / 2)
+    assert (np.abs(up) < -back * slope).all()
+    assert (np.abs(right) < -back * slope * 1.5).all()
+
+
+def test_distances_of_a_copy_that_was_blown_up_along_its_normals() -> None:
+    V, F = icosphere(3)
+    bumps = 1.0 + 0.01 * (V[:, 2:] > 0.85)
+    original = as_asset(MeshAnimation.from_arrays(V, F, prim="/Ball"))
+    copy = as_asset(MeshAnimation.from_arrays(bumps * V, F, prim="/Ball"))
+    distances = Distances(align(copy, original))
+    found = distances((bumps * V), distances.times[0])
+    diagonal = 2.0 * np.sqrt(3.0)
+    assert found.min() >= 0.0
+    raised = found[bumps[:, 0] > 1.0]
+    assert raised.mean() > 5 * found[bumps[:, 0] == 1.0].mean()
+    assert raised.mean() == pytest.approx(0.01 / diagonal, rel=0.1)
+
+
+def test_displacements_are_those_of_the_marked_points() -> None:
+    plain = moving_torus()
+    up = np.array([0.0, 0.01, 0.0])
+    moved = plain.map(lambda frame: frame.moved(frame.points + up))
+    asset = as_asset(plain)
+    view = view_of(asset, select(asset), label="moved", marked=as_asset(moved))
+    diagonal = np.linalg.norm(np.ptp(plain[0].points, axis=0))
+    assert np.allclose(view.moves, up / diagonal)
+    assert np.allclose(view.heat.values, 0.01 / diagonal)
+
+
+def test_parts_are_connected_surfaces_and_have_names() -> None:
+    V, F = icosphere(2)
+    mesh = side_by_side((V - [2.0, 0.0, 0.0], F), (V + np.array([2.0, 0.0, 0.0]), F))
+    asset = as_asset(MeshAnimation.from_arrays(*mesh, prim="/Balls"))
+    view = view_of(asset, select(asset))
+    assert view.legend == ("/Balls, surface 1", "/Balls, surface 2")
+    sides = [set(view.parts[view.positions[0][:, 0] * s > 0.1].tolist()) for s in (-1, 1)]
+    assert all(len(side) == 1 for side in sides)
+    assert sides[0] != sides[1]
+
+
+def unreadable(frame: Frame) -> Frame:
+    if frame.time == 2.0:
+        raise InputError("broken")
+    return frame
+
+
+def test_frames_that_cannot_be_read_are_left_out() -> None:
+    mesh = moving_torus()
+    broken = MeshAnimation(mesh.times, MappedFrames(mesh.source, unreadable), prim="/Ring")
+    asset = as_asset(broken)
+    assert view_of(asset, select(asset)).times.tolist() == [1.0, 3.0]
+
+
+def test_what_cannot_be_shown_is_no_view() -> None:
+    V, F = plane(3)
+    nowhere = as_asset(MeshAnimation.from_arrays(np.zeros_like(V), F))
+    assert select(nowhere) is None
+
+
+def test_many_frames_and_meshes_have_room() -> None:
+    V, F = icosphere(2)
+    frames = np.repeat(V[None], 40, axis=0)
+    meshes = tuple(
+        MeshAnimation.from_arrays(frames + 3.0 * i, F, prim=f"/Ball{i}") for i in range(60)
+    )
+    asset = Asset("many", meshes, "memory")
+    chosen = select(asset)
+    assert len(chosen.meshes) == MESHES
+    assert chosen.n_meshes == 60
+    view = view_of(asset, chosen, label="moved", marked=asset)
+    T, n, _ = view.positions.shape
+    assert T <= FRAMES
+    assert 10 * T * n + 12 * n < ROOM
