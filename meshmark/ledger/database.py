@@ -19,6 +19,8 @@ from meshmark.ledger.extra import require_installed
 # Seconds that a writer waits for the others, and anybody for a server.
 PATIENCE, TO_CONNECT = 120, 10
 FORMS = "a file, sqlite:///FILE or postgresql://USER@HOST/NAME"
+# Names the lock of those who make a ledger on a server, where there is no table yet: "meshmark".
+MAKERS = int.from_bytes(b"meshmark")
 # Execution option of connections that will append.
 WRITING = "meshmark_writing"
 
@@ -60,7 +62,8 @@ class Database:
         Parameters
         ----------
         lock : str, optional
-            The table that writers of a server lock; of a file, all is locked.
+            The table that writers of a server lock, if it is there by now; of a file, all is
+            locked.
 
         Raises
         ------
@@ -72,7 +75,9 @@ class Database:
         with self._errors_as(OutputError), engine.begin() as connection:
             if engine.dialect.name == "postgresql":
                 connection.exec_driver_sql(f"SET LOCAL lock_timeout = '{PATIENCE}s'")
-                if lock is not None:
+                if lock is None:
+                    connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({MAKERS})")
+                else:
                     # Readers are let in.
                     connection.exec_driver_sql(f"LOCK TABLE {lock} IN EXCLUSIVE MODE")
             yield connection

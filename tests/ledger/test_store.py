@@ -98,6 +98,28 @@ def test_the_tables_are_those_of_the_newest_migration(where: str) -> None:
 
 
 @pytest.mark.slow
+def test_several_make_the_same_ledger_at_once(where: str) -> None:
+    start, found = threading.Barrier(8), []
+
+    def make() -> None:
+        start.wait()
+        try:
+            found.append(init(where)[1])
+        except MeshmarkError as error:
+            found.append(str(error))
+
+    makers = [threading.Thread(target=make) for _ in range(8)]
+    for each in makers:
+        each.start()
+    for each in makers:
+        each.join()
+    # One has made it, the others found it.
+    assert sorted(found, key=str) == [*[REVISION] * 7, None]
+    filled(where)
+    assert not list(Ledger(where).findings())
+
+
+@pytest.mark.slow
 def test_other_schemas_are_refused_in_one_line(where: str) -> None:
     filled(where)
     tampered(where, "UPDATE ledger_version SET version_num = '999'")
