@@ -16,7 +16,7 @@ from meshmark.errors import MeshmarkError
 if TYPE_CHECKING:
     from meshmark.commands.identification import Candidate, Identification
 
-KEYS_VARIABLE = "MESHMARK_KEYS"
+KEYS_VARIABLE, PATHS_VARIABLE = "MESHMARK_KEYS", "MESHMARK_PATHS"
 # Candidates that are printed.
 MOST_SHOWN = 4
 
@@ -40,6 +40,14 @@ def identify(
         bool,
         typer.Option("--all", help="Go on where an asset was found: SUSPECT may hold several."),
     ] = False,
+    moves: Annotated[
+        list[str],
+        typer.Option(
+            "--map",
+            metavar="OLD=NEW",
+            help="What the ledger says is in the folder OLD is in NEW now.",
+        ),
+    ] = [],  # noqa: B006 (typer makes a new list each time)
     trusted: TrustedOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -52,6 +60,9 @@ def identify(
     if not folder:
         raise UsageError(f"{KEYS_VARIABLE} must name the folder of key files (*.key)")
     kept = opened(ledger)
+    from meshmark.ledger.moved import moved, moves_of
+
+    places = moves_of(moves, os.environ.get(PATHS_VARIABLE))
     from meshmark.commands.identify import identify as identify_asset
     from meshmark.keys import keys_in
     from meshmark.ledger.origins import origins
@@ -59,7 +70,7 @@ def identify(
     from meshmark.workers.ordered_map import default_jobs
 
     keys = keys_in(Path(folder))
-    known = origins(kept.entries())
+    known = [moved(origin, places) for origin in origins(kept.entries())]
     found: list[Identification] = []
     worst = 0
     for suspect in suspects:

@@ -22,6 +22,7 @@ def mark_of(
     asset: str | None = None,
     version: str | None = None,
     master: Mapping[str, Any] | None = None,
+    published: Path | None = None,
 ) -> dict[str, Any]:
     """Tell of a marked copy, as the ledger records it.
 
@@ -36,6 +37,8 @@ def mark_of(
         digits of the hash of its files.
     master : mapping, optional
         Where the master was kept, `path` and `files`.
+    published : Path, optional
+        Where the copy goes from there, and stays.
 
     Raises
     ------
@@ -43,13 +46,16 @@ def mark_of(
         If a name is empty, too long, or holds control characters.
     """
     source = manifest["source"]
+    # The manifest tells of the source relative to where the copy was written.
+    original = str((output.absolute().parent / source["path"]).resolve())
     return {
         "kind": MARK,
         "asset": asset_name(Path(source["path"]).stem if asset is None else asset),
         "version": asset_name(_digest(source["files"]) if version is None else version),
         "recipient": manifest["recipient"],
         "key_id": manifest["key_id"],
-        "output": str(output.absolute()),
+        "output": str((published or output).absolute()),
+        **({} if published is None else {"original": original}),
         "master": None if master is None else dict(master),
         "manifest": dict(manifest),
     }

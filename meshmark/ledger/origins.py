@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from meshmark.ledger.chain import canonical
 from meshmark.ledger.marks import MARK
+
+# Paths of Windows: C:\shots, \\server\shots. They may be read elsewhere.
+WINDOWS = re.compile(r"[A-Za-z]:|[\\/]{2}")
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def _origin(
         asset=entry["asset"],
         version=entry["version"],
         key_id=entry["key_id"],
-        source=Path(entry["output"]).parent / source["path"],
+        source=_source(entry),
         digests=tuple(each["sha256"] for each in source["files"]),
         parameters={**source.get("parameters", {}), **variants},
         plugins=manifest["plugins"],
@@ -112,3 +116,11 @@ def _origin(
         copies=tuple(copies),
         master=master,
     )
+
+
+def _source(entry: Mapping[str, Any]) -> Path:
+    """Tell where the source was: the manifest tells it relative to where the copy was made."""
+    if "original" in entry:
+        return Path(entry["original"])
+    kind = PureWindowsPath if WINDOWS.match(entry["output"]) else PurePosixPath
+    return Path(str(kind(entry["output"]).parent / entry["manifest"]["source"]["path"]))

@@ -207,6 +207,28 @@ def test_originals_that_were_changed_or_moved_are_told_of(
     assert found.verdict == "inconclusive"
 
 
+@pytest.mark.slow
+def test_originals_are_found_where_their_folder_was_moved_to(
+    studio: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    folder, where = studio
+    monkeypatch.setenv("MESHMARK_KEYS", str(folder / "keys"))
+    (tmp_path / "horns.usdc").write_bytes((folder / "horns.usdc").read_bytes())
+    aside = folder / "horns.aside"
+    (folder / "horns.usdc").rename(aside)
+    words = ("identify", folder / "acme.usdc", "--ledger", where, "--trusted")
+    try:
+        assert command(monkeypatch, *words) == 4
+        assert command(monkeypatch, *words, "--map", f"{folder}={tmp_path}") == 0
+        assert "copy of acme, by its mark" in capsys.readouterr().err
+        monkeypatch.setenv("MESHMARK_PATHS", f"/nowhere=/x; {folder}={tmp_path}")
+        assert command(monkeypatch, *words) == 0
+        assert command(monkeypatch, *words, "--map", "here") == 2
+        assert "OLD=NEW" in capsys.readouterr().err
+    finally:
+        aside.rename(folder / "horns.usdc")
+
+
 @pytest.mark.parametrize(
     ("keys", "code", "words"),
     [

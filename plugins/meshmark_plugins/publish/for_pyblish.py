@@ -18,7 +18,7 @@ import pyblish.api
 
 from meshmark.errors import CapacityError, InputError
 from meshmark_plugins.publish.marking import Published, holds_meshes, mark, require_capacity
-from meshmark_plugins.publish.recording import Recorder
+from meshmark_plugins.publish.recording import Recorder, place_of
 
 # Where integrators look for what they are to publish.
 PUBLISHED = ("representations", "representations_with_traits", "transfers", "hardlinks")
@@ -86,7 +86,7 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
         for name in ("transfers", "hardlinks"):
             for source, target in held.get(name, ()):
                 marks = holds_meshes(source)
-                path = self._mark(Path(source), data, told).path if marks else source
+                path = self._mark(Path(source), data, told, target).path if marks else source
                 ready[name].append((str(path), target))
         data.update(ready, integrate=True, meshmark=told)
 
@@ -99,7 +99,7 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             return [representation]
         if len(paths) > 1:
             raise CapacityError(f"is one of {len(paths)} files: publish one", source=paths[0])
-        published = self._mark(paths[0], data, told)
+        published = self._mark(paths[0], data, told, place_of(representation, data))
         name, many = published.path.name, not isinstance(representation["files"], str)
         both = [{**representation, "files": [name] if many else name}]
         if self.manifests and published.manifest is not None:
@@ -108,7 +108,9 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             both.append({**manifest, "stagingDir": str(published.manifest.parent)})
         return both
 
-    def _mark(self, path: Path, data: dict[str, Any], told: list[dict[str, Any]]) -> Published:
+    def _mark(
+        self, path: Path, data: dict[str, Any], told: list[dict[str, Any]], place: str | None
+    ) -> Published:
         published = mark(
             path,
             path.with_stem(f"{path.stem}.marked"),
@@ -119,6 +121,7 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             recorder=Recorder.of(
                 self.ledger, data.get("meshmark_asset"), data.get("meshmark_version")
             ),
+            published=Path(place) if place else None,
         )
         self.log.info("%s", published.told)
         told.append(published.told)

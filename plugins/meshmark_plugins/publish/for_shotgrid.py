@@ -80,6 +80,7 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
             super().publish(settings, item)
             return
         recipient = item.properties.get("meshmark_recipient") or settings[RECIPIENT].value
+        place = item.properties.get("publish_path")
         published = mark(
             path,
             path.with_stem(f"{path.stem}.marked"),
@@ -88,6 +89,7 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
             waiver=item.properties.get("meshmark_waiver"),
             options={"schemes": settings[SCHEMES].value},
             recorder=Recorder.of(settings[LEDGER].value, None, None),
+            published=Path(place) if place else None,
         )
         item.properties["meshmark"] = published.told
         item.properties["path"] = str(published.path)

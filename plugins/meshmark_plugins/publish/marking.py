@@ -97,6 +97,7 @@ def mark(
     waiver: str | None = None,
     options: Mapping[str, Any] | None = None,
     recorder: Recorder = NOTHING_RECORDED,
+    published: Path | None = None,
 ) -> Published:
     """Mark a file into another that can be published in its place.
 
@@ -117,6 +118,8 @@ def mark(
         More of what `meshmark.mark_file` takes; and `schemes`, the names of the layers.
     recorder : Recorder, optional
         Of a ledger. What cannot be recorded is not published.
+    published : Path, optional
+        Where the output goes from there, for the ledger.
 
     Raises
     ------
@@ -139,7 +142,7 @@ def mark(
             recipe=recipe,
             recipient=recipient,
             deliver=_delivers(output),
-            record=lambda document: recorder.mark(document, output),
+            record=lambda document: recorder.mark(document, output, published),
             **{"trusted": False, **more},
         )
     except (CapacityError, InputError) as error:
@@ -148,11 +151,11 @@ def mark(
         recorder.waiver(source, waiver, str(error), recipient)
         told = {"file": source.name, "marked": False, "reason": str(error), "waiver": waiver}
         return Published(source, told)
-    published = _marked(output, manifest.document, waiver)
+    done = _marked(output, manifest.document, waiver)
     if waiver and manifest["skipped"]:
         unmarked = "; ".join(f"{each['prim']}: {each['reason']}" for each in manifest["skipped"])
         recorder.waiver(source, waiver, unmarked, recipient)
-    return published
+    return done
 
 
 def marked_before(

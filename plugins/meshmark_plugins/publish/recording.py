@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,12 +50,15 @@ class Recorder:
         ledger.require_writable()
         return cls(ledger, asset, version)
 
-    def mark(self, manifest: dict[str, Any], output: Path) -> None:
-        """Record a marked copy."""
+    def mark(self, manifest: dict[str, Any], output: Path, published: Path | None) -> None:
+        """Record a marked copy, and where it goes if that is known."""
         if self.ledger is not None:
             from meshmark.ledger.marks import mark_of
 
-            self.ledger.append(mark_of(manifest, output, asset=self.asset, version=self.version))
+            content = mark_of(
+                manifest, output, asset=self.asset, version=self.version, published=published
+            )
+            self.ledger.append(content)
 
     def waiver(self, source: Path, waiver: str, reason: str, recipient: str | None) -> None:
         """Record what goes out unmarked."""
@@ -71,3 +75,11 @@ class Recorder:
                 version=self.version,
             )
             self.ledger.append(content)
+
+
+def place_of(representation: Mapping[str, Any], data: Mapping[str, Any]) -> str | None:
+    """Tell where a representation of a pyblish instance will be, as far as that is known by now.
+
+    AYON names a file only when it integrates it. What it knows before is the folder.
+    """
+    return representation.get("published_path") or data.get("publishDir")

@@ -20,6 +20,8 @@ from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import manifest_path, output_hashes, remark
 from meshmark.errors import WorkerError
 from meshmark.extension.recipe import Recipe
+from meshmark.ledger.moved import Move, moved
+from meshmark.ledger.origins import origins
 from meshmark.ledger.store import Ledger, init
 from meshmark_plugins.publish import marking
 
@@ -241,6 +243,35 @@ def test_the_ledger_has_marks_and_waivers_once_each(
     capsys.readouterr()
     assert command(monkeypatch, "ledger", "list", "--ledger", where) == 0
     assert "for nobody by name, unmarked: says Kim" in capsys.readouterr().out
+
+
+def test_the_ledger_has_places_that_stay(studio, walk, tmp_path, monkeypatch) -> None:
+    where = str(tmp_path / "studio.ledger")
+    init(where)
+    monkeypatch.setattr(MarkMeshes, "ledger", where)
+    run, jump = shot(walk.with_name("run.usdc"), seed=1), shot(walk.with_name("jump.usdc"), seed=2)
+    # As AYON's collectors leave it: a folder, or the very file.
+    studio.add(walk, publishDir=str(studio.published))
+    instance = studio.add(run)
+    instance.data["representations"] = []
+    instance.data["transfers"] = [(str(run), str(studio.published / "v001_run.usdc"))]
+    known = studio.add(jump, publishDir=str(studio.published))
+    known.data["representations"][0]["published_path"] = str(studio.published / "v001_jump.usdc")
+    for _ in range(2):
+        assert studio.publish() == []
+    entries = list(Ledger(where).entries())
+    assert [Path(entry["output"]) for entry in entries] == [
+        studio.published,
+        studio.published / "v001_run.usdc",
+        studio.published / "v001_jump.usdc",
+    ]
+    assert "v001_run.usdc" in studio.there()
+    # The originals were in the staging folder; whoever keeps them elsewhere says where.
+    found = origins(entries)
+    assert [origin.source for origin in found] == [walk.resolve(), run.resolve(), jump.resolve()]
+    walk.parent.rename(tmp_path / "vault")
+    move = Move.of(f"{walk.parent.resolve()}={tmp_path / 'vault'}")
+    assert all(moved(origin, [move]).source.is_file() for origin in found)
 
 
 def test_what_cannot_be_recorded_is_not_published(studio, walk, tmp_path, monkeypatch) -> None:

@@ -13,6 +13,7 @@ import pytest
 from shots import KEY, QUICK, is_marked, key_file, shot, tiny
 
 from meshmark.errors import CapacityError
+from meshmark.ledger.store import Ledger, init
 from meshmark_plugins.publish import marking
 
 
@@ -74,6 +75,15 @@ def test_the_hook_below_publishes_the_marked_file(hook, settings, tmp_path) -> N
     # What is finalised is what was collected.
     assert walk.properties["path"] == str(tmp_path / "walk.usdc")
     assert "marked" in hook.description
+
+
+def test_the_ledger_has_the_place_that_the_publisher_tells(hook, settings, tmp_path) -> None:
+    init(str(tmp_path / "l"))
+    settings["Meshmark Ledger"].value = str(tmp_path / "l")
+    place = str(tmp_path / "published" / "walk.v001.usdc")
+    hook.publish(settings, item(shot(tmp_path / "walk.usdc"), publish_path=place))
+    [entry] = Ledger(str(tmp_path / "l")).entries()
+    assert entry["output"] == place
 
 
 def test_what_cannot_be_marked_does_not_get_to_the_hook_below(hook, settings, tmp_path) -> None:
