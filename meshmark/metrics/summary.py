@@ -11,6 +11,7 @@ import numpy as np
 from meshmark.arrays import FloatArray
 from meshmark.errors import UsageError
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.geometry import surface_box, vertex_normals
 from meshmark.metrics.faces import flipped_faces, max_move_edges, min_angle_change, normal_turn
 from meshmark.metrics.motion import Flicker, Jitter
 from meshmark.metrics.surface_distance import surface_distance
@@ -25,11 +26,12 @@ class Distortion:
     Parameters
     ----------
     hausdorff, mrms : float
-        Surface distances in the unit of the points.
+        Surface distances in the unit of the points. `mrms` is carried from the frames compared to
+        all, see `ratio_to_all`.
     hausdorff_rel, mrms_rel : float
         The same over the diagonal of the original frame's bounding box.
     mrms_rel_error : float
-        Standard error of `mrms_rel`, see `standard_error`; NaN for one frame of several.
+        Standard error of `mrms_rel`; NaN for one frame of several.
     compared_frames : int
         Frames compared.
     flipped_faces : float
@@ -130,9 +132,11 @@ def distortion(
     means = dict(zip(rows[0], np.mean([list(row.values()) for row in rows], axis=0), strict=True))
     shared = not math.isnan(means["max_move_edges"])
     mrms = np.array([row["mrms_rel"] for row in rows])
+    ratio, error = ratio_to_all(mrms, errors, np.array(over_time.heights), list(chosen))
+    means["mrms"], means["mrms_rel"] = ratio * means["mrms"], ratio * means["mrms_rel"]
     return Distortion(
         **{name: float(mean) for name, mean in means.items()},
-        mrms_rel_error=standard_error(mrms, errors, len(original)),
+        mrms_rel_error=error,
         compared_frames=len(rows),
         flicker=over_time.flicker.ratio() if shared else math.nan,
         flicker_world=over_time.flicker.ratio_world() if shared else math.nan,
@@ -167,22 +171,79 @@ def standard_error(values: FloatArray, errors: FloatArray, n_frames: int) -> flo
     return math.sqrt(within + (1.0 - n / n_frames) * float(np.var(values, ddof=1)) / n)
 
 
+def ratio_to_all(
+    values: FloatArray, errors: FloatArray, hints: FloatArray, measured: Sequence[int]
+) -> tuple[float, float]:
+    """Compute what the mean over some frames is to be multiplied by to be that over all.
+
+    Parameters
+    ----------
+    values : (n,) float64
+        What was measured of some frames.
+    errors : (n,) float64
+        Standard error of each.
+    hints : (T,) float64
+        What is about proportional to it, of all frames; NaN where it is not known.
+    measured : sequence of int
+        Indices of the n frames.
+
+    Returns
+    -------
+    ratio : float
+    error : float
+        Standard error of the product; see `standard_error`.
+
+    Notes
+    -----
+    The mean of the hints over all frames over their mean over the frames measured: the ratio
+    estimate [1]_. Only what the hints do not tell of the frames is left to chance. It is 1 where
+    hints are not known, or there are none but 0.
+
+    References
+    ----------
+    .. [1] W. G. Cochran, "Sampling techniques", 3rd edition, 1977, chapter 6.
+    """
+    known = hints[list(measured)]
+    if np.isnan(hints).any() or not known.any():
+        return 1.0, standard_error(values, errors, len(hints))
+    ratio = float(hints.mean() / known.mean())
+    left = values - known * values.mean() / known.mean()
+    return ratio, ratio * standard_error(left, errors, len(hints))
+
+
 class _OverTime:
-    """What needs the frames in order, read once."""
+    """What needs the frames in order, read once.
+
+    Attributes
+    ----------
+    heights : list of float
+        Root mean square by which each frame's vertices left their surface, along its normals, over
+        its diagonal; NaN without one, and where the frames do not share their vertices and faces.
+    """
 
     def __init__(self, original: MeshAnimation, marked: MeshAnimation) -> None:
         self._original, self._marked, self._next = original, marked, 0
         self.flicker, self.jitter = Flicker(), Jitter()
+        self.heights: list[float] = []
 
     def add_until(self, stop: int) -> None:
         """Take in the frames before `stop` that were not yet."""
         for index in range(self._next, stop):
             before, after = self._original[index], self._marked[index]
+            self.heights.append(math.nan)
             if before.topology.same_as(after.topology):
                 displacement = after.points - before.points
+                self.heights[-1] = _height(before, displacement)
                 self.flicker.add(before.points, displacement, before.faces)
                 self.jitter.add(before.time, before.points, displacement)
         self._next = stop
+
+
+def _height(frame: Frame, displacement: FloatArray) -> float:
+    normals = vertex_normals(frame.points, frame.faces)
+    height = np.einsum("ij,ij->i", displacement, normals)
+    diagonal = surface_box(frame.points, frame.faces)[0]
+    return float(np.sqrt(np.mean(height**2))) / (diagonal or math.nan)
 
 
 @dataclass(frozen=True, eq=False)

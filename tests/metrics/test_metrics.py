@@ -20,7 +20,9 @@ from meshmark.metrics import (
     normal_turn,
     surface_distance,
 )
+from meshmark.metrics.summary import ratio_to_all, standard_error
 from meshmark.testing.attacks import bending_ball, sphere
+from meshmark.testing.meshes import icosphere
 
 
 def plane(n: int, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -231,15 +233,46 @@ def test_distortion_gathers_the_measures_over_frames():
     )
     assert distortion(before, after, [0]).hausdorff == pytest.approx(0.1)
     some = distortion(before, after, [0, 2])
-    assert some.mrms_rel == pytest.approx(0.25 / diagonal)
-    # Two of three frames, whose values have the variance 0.045.
-    assert some.mrms_rel_error == pytest.approx(math.sqrt(0.045 / 2 / 3) / diagonal)
+    # How far the vertices of all frames moved along their normals tells all of it here.
+    assert some.mrms_rel == pytest.approx(mean / diagonal)
+    assert some.mrms == pytest.approx(mean)
+    assert some.mrms_rel_error == pytest.approx(0.0, abs=1e-8)
+    assert some.hausdorff == pytest.approx(0.25)
     assert math.isnan(distortion(before, after, [1]).mrms_rel_error)
     # These are of all frames: neighbours are neighbours.
     assert some.flicker == pytest.approx(flickering)
     assert some.jitter == math.inf
     # Compared as text, because what is not a number does not equal itself.
     assert repr(pickle.loads(pickle.dumps(found))) == repr(found)
+
+
+def test_a_mean_over_some_frames_is_carried_to_all_by_what_is_known_of_them():
+    errors = np.zeros(2)
+    # Values of variance 0.045 in two of three frames, of which nothing else is known.
+    for hints in (np.full(3, math.nan), np.zeros(3), np.ones(3)):
+        ratio, error = ratio_to_all(np.array([0.1, 0.4]), errors, hints, [0, 2])
+        assert ratio == 1.0
+        assert error == pytest.approx(math.sqrt(0.045 / 2 / 3))
+    rng = np.random.default_rng(0)
+    hints = rng.uniform(1.0, 2.0, 40)
+    values = 0.3 * hints * rng.normal(1.0, 0.02, 40)
+    misses = []
+    for _ in range(200):
+        some = np.sort(rng.choice(40, 8, replace=False))
+        ratio, error = ratio_to_all(values[some], np.zeros(8), hints, some)
+        misses.append((ratio * values[some].mean() - values.mean()) / error)
+        assert error < 0.5 * standard_error(values[some], np.zeros(8), 40)
+    assert np.sqrt(np.mean(np.square(misses))) == pytest.approx(1.0, abs=0.3)
+
+
+def test_vertices_that_hardly_moved_need_no_distance():
+    V, F = icosphere(3)
+    rng = np.random.default_rng(0)
+    W = V * (1.0 + 1e-3 * rng.random((len(V), 1)))
+    W[7] *= 1.02
+    same, others = (surface_distance(V, F, W, G, samples=500) for G in (F, F[:, [1, 2, 0]]))
+    assert same.hausdorff == pytest.approx(others.hausdorff, rel=1e-6)
+    assert same.hausdorff > 0.01
 
 
 def test_relative_distances_do_not_depend_on_the_unit():
