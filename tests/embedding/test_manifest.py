@@ -32,6 +32,7 @@ from meshmark.files.locks import held
 from meshmark.keys import Key
 from meshmark.testing.meshes import bumpy_sphere
 from meshmark.testing.schemas import schema_folder
+from small_disk import fill, mounted
 
 RUN = Path(__file__).with_name("publishing_run.py")
 RECIPE = Recipe("cho2007")
@@ -380,17 +381,8 @@ def test_two_that_measure_the_same_evidence_at_once_leave_one(
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of 256 kB."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(place)]
-    if sys.platform != "linux" or os.geteuid() != 0:
-        pytest.skip("only root on Linux can mount a small disk")
-    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
-        pytest.skip("no disk can be mounted here")
-    yield place
-    # Lazily: USD may have a layer of it in memory still.
-    subprocess.run(["umount", "--lazy", str(place)], check=True)
+    with mounted(tmp_path / "disk") as place:
+        yield place
 
 
 def refusal(source: Path, output: Path) -> str | None:
@@ -400,13 +392,6 @@ def refusal(source: Path, output: Path) -> str | None:
     except OutputError as error:
         return str(error)
     return None
-
-
-def fill(disk: Path, free: int) -> None:
-    """Leave so many bytes of room on a disk."""
-    (disk / "filler").unlink(missing_ok=True)
-    state = os.statvfs(disk)
-    (disk / "filler").write_bytes(bytes(max(0, state.f_bavail * state.f_frsize - free)))
 
 
 @pytest.mark.parametrize("name", ["out.usda", "out.usdc", "out"])

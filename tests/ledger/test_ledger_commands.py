@@ -11,9 +11,13 @@ from typing import Any
 
 import jsonschema
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from command_line import command
+from meshmark.errors import UsageError
 from meshmark.ledger.store import Ledger, init
+from meshmark.recipients import recipient_name
 from meshmark.testing.schemas import schema_folder
 
 LEDGER = "studio.ledger"
@@ -97,3 +101,30 @@ def test_what_timestamp_needs_is_asked_for(run: Callable[..., Any]) -> None:
     assert Path("head.tsq").stat().st_size > 40
     code, _, err = run("timestamp", "--reply", "none", "--root", "none")
     assert (code, err.count("error: ")) == (3, 1)
+
+
+@pytest.mark.slow
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(name=st.text(max_size=300))
+def test_any_text_as_a_name_is_recorded_or_refused_in_one_line(
+    run: Callable[..., tuple[int, str, str]], name: str
+) -> None:
+    code, out, err = run("list", f"--recipient={name}")
+    try:
+        known = recipient_name(name)
+    except UsageError:
+        assert code == 2
+        [line] = err.splitlines()
+        assert line.startswith("error: the name of a recipient")
+        return
+    assert code == 0
+    mark = {"kind": "mark", "asset": "any", "version": "v", "recipient": known}
+    done = Ledger(LEDGER).append({**mark, "key_id": "0" * 16, "output": "/o", "manifest": {}})
+    assert Ledger(LEDGER).entry(done.link.sequence)["recipient"] == known
+    found = json.loads(run("list", "--json", f"--recipient={name}")[1])["entries"]
+    assert {each["recipient"] for each in found} == {known}
+    # For people, an entry is one line, whatever is in it.
+    assert out.count("\n") in (len(found), len(found) - 1)
+    assert not list(Ledger(LEDGER).findings())

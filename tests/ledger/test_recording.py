@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,15 @@ from command_line import command
 from database_server import Server
 from meshmark.commands.attack import write_attacked
 from meshmark.embedding import file as marking
+from meshmark.embedding.manifest import output_hashes
 from meshmark.embedding.undoing import as_they_were
 from meshmark.errors import OutputError
 from meshmark.keys import Key
+from meshmark.ledger import store
 from meshmark.ledger.store import Ledger, init
 from meshmark.mesh.asset import as_asset
 from meshmark.testing.informed_schemes import horned
+from small_disk import fill, mounted
 
 LEDGER = "studio.ledger"
 MARK = ("embed", "horns.usdc", "--key", "k", "--scheme", "relief", "--trusted")
@@ -227,6 +232,39 @@ def test_a_full_disk(studio: Path, room: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_disk_that_is_really_full(run: Callable[..., Any], studio: Path) -> None:
+    """The ledger's disk, then the output's: whatever the room on it, both are there or neither."""
+    with mounted(studio / "disk") as disk:
+        where = disk / "disk.ledger"
+        init(str(where))
+        kept = where.stat().st_size
+        before = state(studio)
+        fill(disk, 0)
+        failed(run(*MARK, "-o", "acme.usdc", ledger=str(where)), 3, "full")
+        (disk / "filler").unlink()
+        assert state(studio) == {**before, "disk/disk.ledger": where.read_bytes()}
+        assert (entries(str(where)), where.stat().st_size) == ([], kept)
+        assert not list(disk.glob("*-journal"))
+        where.unlink()
+        outcomes = set()
+        for room in range(0, 96 << 10, 12 << 10):
+            known = len(entries())
+            fill(disk, room)
+            code, _, err = run(*MARK, "-o", disk / "acme.usdc", "--recipient", f"{room}")
+            outcomes.add(code)
+            if code:
+                failed((code, "", err), 3)
+                assert sorted(path.name for path in disk.iterdir()) == ["filler"]
+                assert len(entries()) == known
+            else:
+                assert entries()[-1]["manifest"]["output_files"] == output_hashes(
+                    disk / "acme.usdc"
+                )
+                break
+        assert outcomes == {0, 3}
+
+
+@pytest.mark.slow
 def test_a_ledger_that_cannot_be_written(studio: Path) -> None:
     within: tuple[str, ...] = ()
     if os.geteuid() == 0:
@@ -271,6 +309,70 @@ def test_the_server_goes_away_in_the_middle(
     monkeypatch.setattr(Ledger, "append", plain)
     assert run(*MARK, "-o", "acme.usdc", ledger=where)[0] == 0
     assert len(entries(where)) == 1
+
+
+@pytest.mark.slow
+def test_the_server_goes_away_while_the_entry_is_written(
+    run: Callable[..., Any],
+    studio: Path,
+    postgresql: Server,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    where = postgresql.create("within")
+    init(where)
+    assert run(*MARK, "-o", "acme.usdc", ledger=where)[0] == 0
+    before, plain = state(studio), store.Link.of
+
+    def going(*arguments: Any) -> Any:
+        # The lock is held, and the entry about to be inserted.
+        postgresql.stop()
+        return plain(*arguments)
+
+    monkeypatch.setattr(store.Link, "of", going)
+    changed = (*MARK, "-o", "acme.usdc", "--set", "relief.slope=0.3")
+    try:
+        failed(run(*changed, ledger=where), 3, "postgresql://")
+        # The copy that stood there is back, and still the one that the ledger knows.
+        assert state(studio) == before
+    finally:
+        monkeypatch.setattr(store.Link, "of", plain)
+        postgresql.start()
+    assert len(entries(where)) == 1
+    assert run(*changed, ledger=where)[0] == 0
+    assert len(entries(where)) == 2
+
+
+@pytest.mark.slow
+def test_a_server_that_may_only_be_read_is_told_of_before_any_work(
+    run: Callable[..., Any], postgresql: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def embedded(*_: Any, **__: Any) -> Any:
+        raise AssertionError("work was done")
+
+    where = postgresql.create("standby")
+    init(where)
+    postgresql.ask("ALTER DATABASE standby SET default_transaction_read_only = on")
+    monkeypatch.setattr(marking, "mark_file", embedded)
+    failed(run(*MARK, "-o", "acme.usdc", ledger=where), 3, "read-only")
+    failed(run("ledger", "init", ledger=postgresql.url("none")), 3, "does not exist")
+
+
+@pytest.mark.slow
+def test_a_clock_that_was_set_back_is_warned_of(
+    run: Callable[..., Any], studio: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Early(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> datetime:
+            return datetime.now(tz) - timedelta(days=400)
+
+    assert run(*MARK, "-o", "acme.usdc")[0] == 0
+    monkeypatch.setattr(store, "datetime", Early)
+    code, _, err = run(*MARK, "-o", "globex.usdc", "--recipient", "globex")
+    assert code == 0
+    [warning] = [line for line in err if "clock" in line]
+    assert re.search(r"this clock is 345(59|60)\d{3} s behind", warning)
+    assert [entry["recipient"] for entry in entries()] == [None, "globex"]
 
 
 @pytest.mark.slow
