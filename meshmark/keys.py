@@ -33,6 +33,8 @@ _BLOCK = 32
 _HKDF_LIMIT = 255 * _BLOCK
 # What all labels begin with.
 _CONTEXT = "meshmark/1/"
+# HMAC's two blocks are the key with each byte changed so.
+_INNER, _OUTER = (bytes(b ^ pad for b in range(256)) for pad in (0x36, 0x5C))
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,9 +78,10 @@ class Key:
         """Derive `n_bytes` pseudo-random bytes under a label."""
         if n_bytes > _HKDF_LIMIT:
             raise ValueError(f"at most {_HKDF_LIMIT} bytes can be derived under one label")
-        return HKDFExpand(hashes.SHA256(), n_bytes, f"{_CONTEXT}{label}".encode()).derive(
-            self._extracted
-        )
+        return self._expanded(f"{_CONTEXT}{label}".encode(), n_bytes)
+
+    def _expanded(self, label: bytes, n_bytes: int) -> bytes:
+        return HKDFExpand(hashes.SHA256(), n_bytes, label).derive(self._extracted)
 
     @cached_property
     def _extracted(self) -> bytes:
@@ -110,33 +113,32 @@ class Key:
         self, scheme: str, n_words: int, n_chips: int, recipients: Sequence[str | None]
     ) -> NDArray[np.int8]:
         """Derive the code words of many recipients, (n, n_words, n_chips); see `words`."""
-        n_bytes = -(-n_chips // 8)
-        beginnings = (f"word/{scheme}/{_whose(recipient)}/" for recipient in recipients)
-        derived = b"".join(self._derive_numbered(beginnings, n_words, n_bytes))
-        octets = np.frombuffer(derived, np.uint8).reshape(len(recipients), n_words, n_bytes)
-        return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1
+        return words_of_keys((self,), scheme, range(n_words), n_chips, recipients)[0]
 
-    def _derive_numbered(self, labels: Iterable[str], n: int, n_bytes: int) -> Iterator[bytes]:
-        """Derive bytes under each of many labels with 0, 1, ... n - 1 behind it, as `derive` does.
+    def _derive_numbered(
+        self, labels: Iterable[bytes], ends: Sequence[bytes], n_bytes: int
+    ) -> Iterator[bytes]:
+        """Derive at least `n_bytes` under each of many labels with each of the ends behind it.
 
         Up to 32 bytes are the first block of HKDF, HMAC(key, label 1), and HMAC is a hash of a
         hash, each after a block made from the key (RFC 2104). What labels begin with is hashed
         once.
         """
         if n_bytes > _BLOCK:
-            yield from (self.derive(f"{label}{m}", n_bytes) for label in labels for m in range(n))
+            for label in labels:
+                yield from (self._expanded(label + end, n_bytes) for end in ends)
             return
         key = self._extracted.ljust(hashlib.sha256().block_size, b"\0")
-        inner, outer = (hashlib.sha256(bytes(b ^ pad for b in key)) for pad in (0x36, 0x5C))
-        ends = [b"%d\x01" % m for m in range(n)]
+        inner, outer = hashlib.sha256(key.translate(_INNER)), hashlib.sha256(key.translate(_OUTER))
+        last = [end + b"\x01" for end in ends]
         for label in labels:
             begun = inner.copy()
-            begun.update(f"{_CONTEXT}{label}".encode())
-            for end in ends:
+            begun.update(label)
+            for end in last:
                 inside, outside = begun.copy(), outer.copy()
                 inside.update(end)
                 outside.update(inside.digest())
-                yield outside.digest()[:n_bytes]
+                yield outside.digest()
 
     def generator(self, label: str) -> np.random.Generator:
         """Seed a numpy generator by the key, for choices that detection need not repeat."""
@@ -180,6 +182,49 @@ class Key:
         return cls(bytes.fromhex(match.group(1)))
 
 
+def words_of_keys(
+    keys: Sequence[Key],
+    scheme: str,
+    numbers: Iterable[int],
+    n_chips: int,
+    recipients: Sequence[str | None] = (None,),
+) -> NDArray[np.int8]:
+    """Derive some of the code words of many keys and recipients, as `Key.words` derives each.
+
+    Parameters
+    ----------
+    numbers : iterable of int
+        Which of a scheme's words.
+
+    Returns
+    -------
+    (len(keys), len(recipients), len(numbers), n_chips) int8
+    """
+    n_bytes = -(-n_chips // 8)
+    ends = [b"%d" % m for m in numbers]
+    labels = [f"{_CONTEXT}word/{scheme}/{_whose(name)}/".encode() for name in recipients]
+    derived = b"".join(
+        block for key in keys for block in key._derive_numbered(labels, ends, n_bytes)
+    )
+    shape = (len(keys), len(recipients), len(ends), max(n_bytes, _BLOCK))
+    octets = np.frombuffer(derived, np.uint8).reshape(shape)[..., :n_bytes]
+    return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1
+
+
+def key_files(folder: Path) -> list[Path]:
+    """List the key files of a folder, `*.key`.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be read.
+    """
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix == KEY_SUFFIX)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=folder) from None
+
+
 def keys_in(folder: Path) -> dict[str, Key]:
     """Read every key file of a folder, `*.key`, by key id.
 
@@ -188,12 +233,7 @@ def keys_in(folder: Path) -> dict[str, Key]:
     InputError
         If the folder cannot be read, or one of the files is no key file.
     """
-    try:
-        paths = sorted(path for path in folder.iterdir() if path.suffix == KEY_SUFFIX)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=folder) from None
-    keys = [Key.load(path) for path in paths]
-    return {key.id: key for key in keys}
+    return {key.id: key for key in map(Key.load, key_files(folder))}
 
 
 def _whose(recipient: str | None) -> str:

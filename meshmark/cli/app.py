@@ -20,6 +20,7 @@ from meshmark.cli.ledger import ledger
 from meshmark.cli.plugins import plugins
 from meshmark.cli.report import report
 from meshmark.cli.segment import segment
+from meshmark.cli.try_keys import try_keys
 from meshmark.cli.verify import verify
 
 app = typer.Typer(
@@ -63,6 +64,7 @@ for command in (
     demo,
 ):
     app.command()(command)
+app.command("try")(try_keys)
 app.add_typer(c2pa, name="c2pa")
 app.add_typer(ledger, name="ledger")
 app.add_typer(plugins, name="plugins")

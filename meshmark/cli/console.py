@@ -37,9 +37,14 @@ def warn(text: str) -> None:
     typer.secho(f"warning: {text}", fg="yellow", err=True)
 
 
-def few(texts: Sequence[str], every: bool = False, tell: Callable[[str], None] = warn) -> None:
+def few(
+    texts: Sequence[str],
+    every: bool = False,
+    tell: Callable[[str], None] = warn,
+    most: int = FEW,
+) -> None:
     """Print the first few of many messages and the number of the others, or all of them."""
-    shown = len(texts) if every or len(texts) <= FEW + 1 else FEW
+    shown = len(texts) if every or len(texts) <= most + 1 else most
     for text in texts[:shown]:
         tell(text)
     if shown < len(texts):

@@ -105,3 +105,14 @@ def load_key(path: Path) -> Key:
     if readable_by_others(path):
         warn(f"{path}: this key file can be read by others; chmod 600 it")
     return key
+
+
+def read_recipients(recipients: Sequence[str]) -> list[str]:
+    """List the names that options give, those in files included, in every form to look for."""
+    from meshmark.recipients import name_or_file, read_names, spellings
+
+    names: list[str] = []
+    for text in recipients:
+        named = name_or_file(text)
+        names += [named] if isinstance(named, str) else read_names(named)
+    return list(spellings(names))

@@ -23,6 +23,7 @@ from meshmark.cli.options import (
     TrustedOption,
     VariantOption,
     load_key,
+    read_recipients,
     reader_parameters,
     require_taken,
 )
@@ -100,6 +101,14 @@ def verify(
             help="Read the evidence from FILE; if it does not exist, measure it and write it.",
         ),
     ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Keep the evidence of every SOURCE there, for `meshmark try`; what is kept there "
+            "already is not measured again.",
+        ),
+    ] = None,
     unauthenticated: Annotated[
         bool,
         typer.Option(
@@ -145,6 +154,12 @@ def verify(
 
     if not 0.0 < fpr < 1.0:
         raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
+    if evidence is not None and store is not None:
+        raise UsageError("--evidence and --store both say where evidence is kept: give one")
+    if store is not None:
+        from meshmark.detection.evidence_store import require_arrow
+
+        require_arrow()
     if unauthenticated and evidence is None:
         raise UsageError("--unauthenticated-evidence needs --evidence")
     if master is not None and original is None:
@@ -167,7 +182,7 @@ def verify(
         key_id=load_key(key).id,
         recipes=recipes_asked(scheme, segmenter, geodesic, settings),
         named=bool(scheme),
-        recipients=_names(recipient),
+        recipients=read_recipients(recipient),
         frames=frames,
         parameters=parameters,
         fpr=fpr,
@@ -175,6 +190,7 @@ def verify(
         original=original,
         master=master,
         evidence=evidence,
+        store=store,
         authenticated=not unauthenticated,
         recorded=recorded,
         beside=hashes_beside(original, master, trusted=trusted) if recorded else {},
@@ -254,13 +270,3 @@ def _write_commands(
     lines = list(verify_commands(options, sources, chunk, resume))
     write_bytes(b"".join(os.fsencode(f"{line}\n") for line in lines), path)
     say(f"{path}: {len(lines):,} commands for {len(sources):,} sources")
-
-
-def _names(recipients: Sequence[str]) -> list[str]:
-    from meshmark.recipients import name_or_file, read_names, spellings
-
-    names: list[str] = []
-    for text in recipients:
-        named = name_or_file(text)
-        names += [named] if isinstance(named, str) else read_names(named)
-    return list(spellings(names))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,8 @@ from meshmark.alignment.likeness import signatures, unlikeness
 from meshmark.commands.identification import Candidate, Identification
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence, Survey
-from meshmark.detection.looks import Look
-from meshmark.detection.verdict import Answer, Named, Verdict, jointly
+from meshmark.detection.looks import ONE_LOOK
+from meshmark.detection.verdict import Answer, Verdict, jointly, paid_for
 from meshmark.detection.verify import judge_all, verify_informed
 from meshmark.embedding.asset import embed
 from meshmark.embedding.manifest import output_hashes
@@ -36,8 +36,6 @@ from meshmark.sources.reading import read
 from meshmark.workers.ordered_map import sharing_workers
 from meshmark.workers.progress import MeshProgress
 
-# Frames of a suspect that are measured alone: what `verify` looks at before it looks at all.
-LOOK = Look(12, "all", 1.0)
 # Originals that a suspect is laid upon, unless more are asked for.
 MOST = 8
 
@@ -257,7 +255,7 @@ class _Search:
                 progress=self._progress,
             )
             views = survey.extractions([recipe])
-            found[name] = survey.evidence(views, LOOK)
+            found[name] = survey.evidence(views, ONE_LOOK)
             survey.conclude(views)
             for note in survey.notes():
                 self._note(note)
@@ -269,15 +267,7 @@ class _Search:
 
     def _paid(self, verdict: Verdict, hypotheses: int) -> Verdict:
         """Correct a verdict on some hypotheses for all of them."""
-        more = float(np.log10(self.hypotheses / hypotheses))
-
-        def paid(log10_p: float) -> float:
-            return min(0.0, log10_p + more)
-
-        named = tuple(
-            Named(each.recipient, paid(each.log10_p), each.times) for each in verdict.recipients
-        )
-        return replace(verdict, log10_p=paid(verdict.log10_p), recipients=named)
+        return paid_for(verdict, self.hypotheses / hypotheses)
 
     def _original(self, known: _Known) -> tuple[Asset, Any]:
         """Read an original and its master, or what makes that again; both as they were."""

@@ -51,6 +51,8 @@ class Request:
         What sources may have been made from.
     evidence : Path, optional
         File that the evidence is read from, or written to.
+    store : Path, optional
+        Folder of the store that it is read from, or added to.
     authenticated : bool
         Whether that must bear the seal of the local secret.
     jobs : int
@@ -73,6 +75,7 @@ class Request:
     original: str | None = None
     master: str | None = None
     evidence: Path | None = None
+    store: Path | None = None
     authenticated: bool = True
     jobs: int = 1
     recorded: bool = False
@@ -111,6 +114,8 @@ class Request:
             "fpr": self.fpr,
             "original": self.beside.get("original"),
             "master": self.beside.get("master"),
+            # Then one look has to do.
+            **({} if self.store is None else {"stored": True}),
         }
 
     @cached_property

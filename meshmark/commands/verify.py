@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
@@ -27,6 +26,7 @@ from meshmark.sources.reading import read
 from meshmark.workers.progress import MeshProgress, StageProgress
 
 if TYPE_CHECKING:
+    from meshmark.detection.evidence_cache import Keeper
     from meshmark.detection.verdict import Verdict
 
 
@@ -87,8 +87,8 @@ def _verdict(source: str, request: Request, progress: StageProgress) -> tuple[Ve
 
     key = request.key()
     recipes = request.recipes_for(source)
-    if request.evidence is not None:
-        return _by_evidence(source, request.evidence, key, recipes, request, tell), ()
+    if request.evidence is not None or request.store is not None:
+        return _by_evidence(source, key, recipes, request, tell)
     progress("read", source, 0, 1)
     blind = [recipe for recipe in recipes if not recipe.informed]
     with nullcontext() if request.trusted else _importing(blind):
@@ -116,29 +116,40 @@ def _verdict(source: str, request: Request, progress: StageProgress) -> tuple[Ve
 
 def _by_evidence(
     source: str,
-    evidence: Path,
     key: Key,
     recipes: Sequence[Recipe],
     request: Request,
     tell: MeshProgress,
-) -> Verdict:
+) -> tuple[Verdict, Files]:
     from meshmark.detection.evidence_cache import kept_evidence
     from meshmark.detection.verify import judge_all
 
     found = kept_evidence(
         source,
-        evidence,
+        _keeper(request),
         recipes=recipes,
         frames=request.frames,
         parameters=request.parameters,
-        authenticated=request.authenticated,
         isolated=not request.trusted,
         original=request.original,
         master=request.master,
         jobs=request.jobs,
         progress=tell,
     )
-    return judge_all(found, key, recipients=request.recipients, fpr=request.fpr)
+    verdict = judge_all(found, key, recipients=request.recipients, fpr=request.fpr)
+    return verdict, found.files if request.recorded else ()
+
+
+def _keeper(request: Request) -> Keeper:
+    """Return what keeps evidence: a file, or a store."""
+    if request.store is not None:
+        from meshmark.detection.evidence_store import EvidenceStore
+
+        return EvidenceStore(request.store)
+    from meshmark.detection.evidence_cache import EvidenceFile
+
+    assert request.evidence is not None
+    return EvidenceFile(request.evidence, request.authenticated)
 
 
 @contextmanager

@@ -71,17 +71,14 @@ def decide(
     correction = float(np.log10(n_schemes * len(hypotheses) / share))
     log10_fpr = float(np.log10(fpr))
     spare = float(np.log10((largest_share or share) / share))
-    corrections = correction - shares(evidence)
+    corrections, of_pools = corrected_for(evidence, correction)
     # Last digits must not depend on whether evidence was measured just now or read from a file.
     with one_thread():
         judged = [
             _Judged.of(item, key, hypotheses, float(each), log10_fpr)
             for item, each in zip(evidence, corrections, strict=True)
         ]
-        several = [
-            _Several.of(pool, key, hypotheses, correction - share, log10_fpr)
-            for pool, share in pooled(evidence)
-        ]
+        several = [_Several.of(pool, key, hypotheses, each, log10_fpr) for pool, each in of_pools]
     if not judged:
         return Verdict.of_nothing(source, notes)
     by_prim: dict[str, list[_Judged]] = {}
@@ -115,6 +112,22 @@ def decide(
         hope=min(one.unlimited_log10_p for one in all_judged) + float(np.log10(share)),
         searched=(searched,),
     )
+
+
+def corrected_for(
+    evidence: Sequence[Evidence], correction: float
+) -> tuple[FloatArray, list[tuple[Pool, float]]]:
+    """Tell what each mesh and part, (n,), and each pool is corrected by, in log10.
+
+    Parameters
+    ----------
+    correction : float
+        What all are corrected by: log10 of the number of schemes times that of names, over the
+        share of the rate.
+    """
+    return correction - shares(evidence), [
+        (pool, correction - share) for pool, share in pooled(evidence)
+    ]
 
 
 def pooled(evidence: Sequence[Evidence]) -> list[tuple[Pool, float]]:

@@ -12,6 +12,7 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -33,7 +34,7 @@ from meshmark.detection.evidence_header import (
     header_text,
     parse_header,
 )
-from meshmark.detection.sealing import sealed, unsealed
+from meshmark.detection.sealing import Sealing, sealed, sealed_into, unsealed, unsealed_from
 from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import InputError
 from meshmark.statistics.word_windows import WordPosterior
@@ -69,6 +70,10 @@ class StoredEvidence:
         What was not measured, and why.
     parameters : mapping
         What readers were given, by name: texts, numbers and lists of texts.
+    path : str
+        Where the source was, if that is kept.
+    version : str
+        Of the meshmark that measured it, if that is kept.
     """
 
     files: tuple[tuple[str, str], ...]
@@ -78,6 +83,8 @@ class StoredEvidence:
     items: tuple[Evidence, ...]
     notes: tuple[str, ...]
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    path: str = ""
+    version: str = ""
 
 
 def save_evidence(stored: StoredEvidence, path: Path) -> None:
@@ -88,6 +95,19 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
     OutputError
         If it cannot be written; nothing half-written is left.
     """
+    with sealed(path, KIND) as file:
+        _write_all(stored, file)
+
+
+def evidence_bytes(stored: StoredEvidence) -> bytes:
+    """Return what `save_evidence` would write to a file."""
+    data = BytesIO()
+    with sealed_into(data, KIND) as file:
+        _write_all(stored, file)
+    return data.getvalue()
+
+
+def _write_all(stored: StoredEvidence, file: Sealing) -> None:
     header = header_text(
         stored.files,
         stored.original,
@@ -96,9 +116,11 @@ def save_evidence(stored: StoredEvidence, path: Path) -> None:
         stored.notes,
         stored.items,
         stored.parameters,
+        stored.path,
+        stored.version,
     ).encode()
     # No time of day: equal evidence gives equal bytes.
-    with sealed(path, KIND) as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as stream:
+    with gzip.GzipFile("", "wb", 6, file, mtime=0) as stream:
         stream.write(_LENGTH.pack(len(header)) + header)
         for item in stored.items:
             _write(stream, item.times, _REAL)
@@ -136,10 +158,20 @@ def load_evidence(path: Path, *, authenticated: bool = True) -> StoredEvidence:
         If it cannot be read, is not authentic, or is no evidence of this format.
     """
     with unsealed(path, KIND, authenticated=authenticated) as content:
-        try:
-            return _parsed(content, trusted=authenticated)
-        except (ValueError, EOFError, OSError, zlib.error):
-            raise InputError("is not an evidence file of meshmark's", source=path) from None
+        return _loaded(content, path, authenticated)
+
+
+def evidence_of(data: bytes, source: object, *, authenticated: bool = True) -> StoredEvidence:
+    """Read evidence from the bytes of a file; `source` names it. See `load_evidence`."""
+    with unsealed_from(BytesIO(data), KIND, source, authenticated=authenticated) as content:
+        return _loaded(content, source, authenticated)
+
+
+def _loaded(content: IO[bytes], source: object, trusted: bool) -> StoredEvidence:
+    try:
+        return _parsed(content, trusted)
+    except (ValueError, EOFError, OSError, zlib.error):
+        raise InputError("is not an evidence file of meshmark's", source=source) from None
 
 
 def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
@@ -165,6 +197,8 @@ def _parsed(content: IO[bytes], trusted: bool) -> StoredEvidence:
         items,
         header.notes,
         header.parameters,
+        header.path,
+        header.version,
     )
 
 

@@ -81,6 +81,8 @@ class Header:
     notes: tuple[str, ...]
     items: tuple[ItemHeader, ...]
     parameters: dict[str, Any]
+    path: str
+    version: str
 
     @property
     def n_bytes(self) -> int:
@@ -96,6 +98,8 @@ def header_text(
     notes: Sequence[str],
     items: Sequence[Evidence],
     parameters: Mapping[str, Any],
+    path: str,
+    version: str,
 ) -> str:
     """Return the header of an evidence file as JSON."""
     document = {
@@ -106,6 +110,8 @@ def header_text(
         "notes": list(notes),
         "items": [_described(item) for item in items],
         **({"parameters": dict(parameters)} if parameters else {}),
+        **({"path": path} if path else {}),
+        **({"version": version} if version else {}),
     }
     return json.dumps(document, allow_nan=False)
 
@@ -146,11 +152,14 @@ def parse_header(text: str) -> Header:
         document = json.loads(text, parse_constant=_refuse)
     except RecursionError:
         raise ValueError("nested too deeply") from None
-    files, original, recipes, frames, notes, items, parameters = _values(
+    files, original, recipes, frames, notes, items, parameters, path, version = _values(
         document,
         *("files", "original", "recipes", "frames", "notes", "items"),
         # Readers were given none, or the file is older.
         parameters={},
+        # A store tells these.
+        path="",
+        version="",
     )
     known = _several(recipes, _recipe)
     header = Header(
@@ -161,6 +170,8 @@ def parse_header(text: str) -> Header:
         notes=_several(notes, _text),
         items=_several(items, _item),
         parameters=_parameters(parameters),
+        path=_text(path),
+        version=_text(version),
     )
     schemes = {recipe["scheme"]["name"] for recipe in known}
     if not all(item.scheme in schemes for item in header.items):

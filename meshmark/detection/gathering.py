@@ -43,6 +43,8 @@ class AssetEvidence:
         Whether it is known where it was measured; no verdict rests on other evidence.
     original : str or None
         What some of it was measured beside.
+    files : sequence of (str, str)
+        Path and SHA-256 of every file that was read, if that is known.
     """
 
     source: str
@@ -52,6 +54,7 @@ class AssetEvidence:
     elapsed_s: float
     authenticated: bool = True
     original: str | None = None
+    files: Sequence[tuple[str, str]] = ()
 
 
 @sharing_workers
@@ -60,6 +63,7 @@ def gather(
     *,
     recipes: Sequence[Recipe] = (),
     frames: str | None = None,
+    look: Look = EVERYTHING,
     restored: bool = True,
     parts: bool = True,
     jobs: int = 1,
@@ -73,6 +77,8 @@ def gather(
         Schemes to try; where empty, the blind layers that `embed` lays by default.
     frames : str, optional
         Range A:B[:S] of time codes to look at; all by default.
+    look : Look
+        How many of these frames; all by default.
     restored : bool
         Whether to look, too, at what the copy was before it may have been smoothed.
     parts : bool
@@ -87,9 +93,8 @@ def gather(
     survey = Survey(
         asset, recipes=recipes, frames=frames, parts=parts, jobs=jobs, progress=progress
     )
-    look = EVERYTHING if restored else replace(EVERYTHING, restored="none")
     views = survey.extractions(survey.recipes)
-    items = survey.evidence(views, look)
+    items = survey.evidence(views, look if restored else replace(look, restored="none"))
     survey.conclude(views)
     notes, elapsed = survey.notes(), time.perf_counter() - start
     return AssetEvidence(survey.source, tuple(items), len(survey.recipes), notes, elapsed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -91,5 +91,7 @@ GIVEN_UP = DEFAULT_LAYERS
 # Whoever asks for several names wants all that are in any mesh or frame: what the look at
 # everything did not spend is spent on that.
 NAMING = Look(None, "none", 1 / 2)
+# Where one look has to do: at what `verify` looks at before it looks at everything.
+ONE_LOOK = replace(THOROUGH[0], share=1.0)
 # The one look where the frames are given.
 EVERYTHING = Look(None, "all", 1.0)

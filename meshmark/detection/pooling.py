@@ -22,6 +22,7 @@ from meshmark.detection.carrier_matching import agreement
 from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.statistics.joint_mean import Group, joint_log_e
 from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
+from meshmark.statistics.screening import Screen, Screened
 
 # Share of a scheme's rate that its pools have, where there are any; its meshes have the rest.
 POOLED_SHARE = 0.5
@@ -92,6 +93,31 @@ class Pool:
             return log10_p_words(S[:, None], words, belief)
         each = [log_belief + _log_e(groups, words) for log_belief, groups in self.variants]
         return -np.asarray(logsumexp(each, axis=0)) / np.log(10.0)
+
+    @cached_property
+    def screens(self) -> list[tuple[float, list[Screen]]]:
+        """Quick bounds on what words may say of each group, and log belief, by variant."""
+        return [
+            (
+                log_belief,
+                [
+                    Screen([Screened(g.S, g.log_prior, g.posterior)], self.n_words, -np.inf)
+                    for g in groups[:MOST_GROUPS]
+                ],
+            )
+            for log_belief, groups in self.variants
+        ]
+
+    def log_e_bounds(self, words: SignArray) -> FloatArray:
+        """Bound the log e-value of words (n, M, K), which are not shared, from above, (n,).
+
+        A mean over which groups are left is at most the product over those that are worth it.
+        """
+        total = np.full(len(words), -np.inf)
+        for log_belief, screens in self.screens:
+            each = [screen.log_e_bounds(words[:, screen.words]) for screen in screens]
+            total = np.logaddexp(total, log_belief + np.maximum(0.0, each).sum(axis=0))
+        return total
 
     @cached_property
     def reachable_log10_p(self) -> float:

@@ -71,12 +71,29 @@ def sealed(path: Path, kind: bytes) -> Iterator[Sealing]:
     InputError
         If the secret cannot be read.
     """
-    mac = hmac.new(_secret(make=True), kind, _DIGEST)
-    with written_beside(path) as file:
-        file.write(kind + bytes(_SEAL_BYTES))
-        yield Sealing(file, mac)
-        file.seek(len(kind))
-        file.write(mac.digest())
+    # The secret first: without it nothing is begun.
+    mac = _mac(kind, make=True)
+    with written_beside(path) as file, _sealed_into(file, kind, mac) as sealing:
+        yield sealing
+
+
+@contextmanager
+def sealed_into(file: IO[bytes], kind: bytes) -> Iterator[Sealing]:
+    """Seal what is written in the block into an empty open file; see `sealed`."""
+    with _sealed_into(file, kind, _mac(kind, make=True)) as sealing:
+        yield sealing
+
+
+@contextmanager
+def _sealed_into(file: IO[bytes], kind: bytes, mac: hmac.HMAC) -> Iterator[Sealing]:
+    file.write(kind + bytes(_SEAL_BYTES))
+    yield Sealing(file, mac)
+    file.seek(len(kind))
+    file.write(mac.digest())
+
+
+def _mac(kind: bytes, *, make: bool = False) -> hmac.HMAC:
+    return hmac.new(_secret(make=make), kind, _DIGEST)
 
 
 class Sealing:
@@ -113,24 +130,35 @@ def unsealed(path: Path, kind: bytes, *, authenticated: bool = True) -> Iterator
     OutputError
         If there is no room for temporary files.
     """
+    with (
+        opened(path) as file,
+        unsealed_from(file, kind, path, authenticated=authenticated) as content,
+    ):
+        yield content
+
+
+@contextmanager
+def unsealed_from(
+    file: IO[bytes], kind: bytes, source: object, *, authenticated: bool = True
+) -> Iterator[IO[bytes]]:
+    """Open what an open sealed file holds; `source` names it. See `unsealed`."""
     with tempfile.SpooledTemporaryFile(max_size=_ROOM) as copy:
-        with opened(path) as file:
-            if file.read(len(kind)) != kind:
-                raise InputError(
-                    f"does not begin as {kind.decode().strip()}: it is of an older version, whose "
-                    "files were not authenticated, or of somebody else's; measure it again",
-                    source=path,
-                )
-            mac = hmac.new(_secret() if authenticated else b"", kind, _DIGEST)
-            seal = file.read(_SEAL_BYTES)
-            while data := file.read(_CHUNK):
-                mac.update(data)
-                _keep(copy, data)
+        if file.read(len(kind)) != kind:
+            raise InputError(
+                f"does not begin as {kind.decode().strip()}: it is of an older version, whose "
+                "files were not authenticated, or of somebody else's; measure it again",
+                source=source,
+            )
+        mac = _mac(kind) if authenticated else hmac.new(b"", kind, _DIGEST)
+        seal = file.read(_SEAL_BYTES)
+        while data := file.read(_CHUNK):
+            mac.update(data)
+            _keep(copy, data)
         if authenticated and not hmac.compare_digest(seal, mac.digest()):
             raise InputError(
                 "is not authentic: it was altered, or measured under another secret than that in "
                 f"{secret_path()}; measure it again",
-                source=path,
+                source=source,
             )
         copy.seek(0)
         yield copy

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import InformedFacts
 from meshmark.detection.looks import TakenLook
 from meshmark.detection.searched import Searched
@@ -312,9 +313,31 @@ def _joint_prim(
 
 def _joint(each: Sequence[float]) -> float:
     """Bound log10 p by the best of both and of their product."""
-    log10_q = sum(each)
+    return float(joint_log10_p(np.array(each)))
+
+
+def joint_log10_p(each: FloatArray) -> FloatArray:
+    """Bound log10 p, (...), by the best of each (k, ...) and of their product, where k is 1 or 2.
+
+    See `jointly`.
+    """
+    log10_q = each.sum(axis=0)
     product = log10_q + np.log10(1.0 - log10_q * np.log(10.0))
-    return min(0.0, TRIPLE + float(min((product, *each))))
+    return np.minimum(0.0, TRIPLE + np.minimum(product, each.min(axis=0)))
+
+
+def paid_for(verdict: Verdict, times: float) -> Verdict:
+    """Correct a verdict for being the best of so many, by the union bound.
+
+    What counts as marked is not told again: a share of the rate has to have been asked for.
+    """
+    more = float(np.log10(times))
+
+    def paid(log10_p: float) -> float:
+        return min(0.0, log10_p + more)
+
+    named = tuple(replace(one, log10_p=paid(one.log10_p)) for one in verdict.recipients)
+    return replace(verdict, log10_p=paid(verdict.log10_p), recipients=named)
 
 
 def _answer(log10_p: float, otherwise: Answer, log10_fpr: float) -> Answer:

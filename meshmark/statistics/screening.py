@@ -62,11 +62,11 @@ class Screen:
     Parameters
     ----------
     evidence : sequence of Screened
-        One for each way to read it; the e-value is the sum of theirs.
+        One for each way to read it, at least one; the e-value is the sum of theirs.
     n_words : int
         M, the words of a key.
     least : float
-        Log e-value that matters: where not even the best of keys reaches it, nothing is computed.
+        Log e-value that matters: keys and hypotheses that cannot reach it are left out early.
 
     Attributes
     ----------
@@ -76,13 +76,13 @@ class Screen:
 
     def __init__(self, evidence: Sequence[Screened], n_words: int, least: float) -> None:
         self.least = least
-        # Each of n that sum up to e^x is at most e^x, and one is at least e^x / n.
-        each = least - float(np.log(max(1, len(evidence))))
+        # Of n that sum up to e^x, one is at least e^x / n.
+        self._each = least - float(np.log(len(evidence)))
         firsts = [item.posterior.first_words(n_words) for item in evidence]
         begins = np.unique(np.concatenate([first.ravel() for first in firsts]))
         self.words: IntArray = np.unique(begins[:, None] + np.arange(WINDOW_SIZE))
         self._parts = [
-            _Part.of(item, np.searchsorted(self.words, first), each)
+            _Part.of(item, np.searchsorted(self.words, first), self._each)
             for item, first in zip(evidence, firsts, strict=True)
         ]
 
@@ -97,7 +97,7 @@ class Screen:
         Returns
         -------
         (n,) float64
-            Below `least`, bounds need not hold; -inf where nothing was computed.
+            -inf for keys that cannot reach `least`.
         """
         portions = (words[n : n + AT_ONCE] for n in range(0, len(words), AT_ONCE))
         found = [self._bounds(portion) for portion in portions]
@@ -105,10 +105,10 @@ class Screen:
 
     def _bounds(self, words: SignArray) -> FloatArray:
         signs = np.ascontiguousarray(words.transpose(1, 2, 0), np.float32)
-        total = np.full(len(words), -np.inf)
-        for part in self._parts:
-            total = np.logaddexp(total, part.bounds(signs) + (_LOG_WEIGHT + ROUNDING))
-        return total
+        each = np.array([part.bounds(signs) for part in self._parts])
+        # What was left out somewhere is worth less than that there.
+        total = np.logaddexp.reduce(np.maximum(each, self._each), axis=0)
+        return np.where((each > -np.inf).any(axis=0), total, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +124,8 @@ class _Part:
         Lines: log e is at most slope (m - zero) above the zero.
     offsets : (J, R) float64
         Log priors, less all zeros times slopes.
+    needed : (C, J, R) float32
+        What the sum of slopes times scores must have reached after each carrier.
     """
 
     S: NDArray[np.float32]
@@ -131,6 +133,7 @@ class _Part:
     slopes: NDArray[np.float32]
     zeros: NDArray[np.float32]
     offsets: FloatArray
+    needed: NDArray[np.float32]
 
     @classmethod
     def of(cls, item: Screened, first: IntArray, least: float) -> _Part:
@@ -141,6 +144,10 @@ class _Part:
         r, j = np.flatnonzero(matters.any(axis=0)), np.flatnonzero(matters.any(axis=1))
         slopes, zeros = (np.array(each)[np.ix_(j, r)] for each in zip(*lines, strict=True))
         offsets = item.log_prior[r] - (slopes * zeros).sum(axis=-1)
+        # The best of words would add so much after each carrier.
+        most = np.moveaxis(slopes * np.maximum(size[r], zeros), -1, 0)
+        to_come = most.sum(axis=0) - np.cumsum(most, axis=0)
+        needed = least - _LOG_WEIGHT - ROUNDING - offsets - to_come
         return cls(
             item.S[r].astype(np.float32),
             [
@@ -150,31 +157,44 @@ class _Part:
             slopes.astype(np.float32),
             zeros.astype(np.float32),
             offsets,
+            needed.astype(np.float32),
         )
 
     def bounds(self, signs: NDArray[np.float32]) -> FloatArray:
-        """Bound the log e-value of words (U, K, n) from above, (n,)."""
-        J, R, _ = self.slopes.shape
-        n = signs.shape[-1]
-        if not J * R:
-            return np.full(n, -np.inf)
-        total = np.zeros((J, R, n), np.float32)
-        over = np.empty((R, n), np.float32)
-        for c, score in enumerate(self._best_scores(signs)):
-            for j in range(J):
+        """Bound the log e-value of words (U, K, n) from above, (n,).
+
+        Carrier by carrier: keys that can no longer reach what matters are left out of the rest.
+        """
+        found = np.full(signs.shape[-1], -np.inf)
+        left = np.arange(len(found) if self.slopes.size else 0)
+        total = np.zeros((*self.slopes.shape[:2], len(left)), np.float32)
+        for c, windows in enumerate(self.windows):
+            if not len(left):
+                return found
+            score = self._best_scores(c, windows, signs)
+            over = np.empty_like(score)
+            for j in range(len(total)):
                 np.maximum(score, self.zeros[j, :, c, None], out=over)
                 over *= self.slopes[j, :, c, None]
                 total[j] += over
-        return np.asarray((total + self.offsets[..., None]).max(axis=(0, 1)), dtype=np.float64)
+            if self.needed[c].max() > 0.0:
+                alive = (total >= self.needed[c, :, :, None]).any(axis=(0, 1))
+                if not alive.all():
+                    left, signs, total = left[alive], signs[..., alive], total[..., alive]
+        if len(left):
+            best = (total + self.offsets[..., None]).max(axis=(0, 1))
+            found[left] = best + (_LOG_WEIGHT + ROUNDING)
+        return found
 
-    def _best_scores(self, signs: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
-        """Yield the score of the best word of each carrier's window, (R, n)."""
-        for c, windows in enumerate(self.windows):
-            score = np.empty((len(self.S), signs.shape[-1]), np.float32)
-            for begin, hypotheses in windows:
-                near = signs[begin : begin + WINDOW_SIZE]
-                score[hypotheses] = (self.S[hypotheses, c] @ near).max(axis=0)
-            yield score
+    def _best_scores(
+        self, c: int, windows: Sequence[tuple[int, IntArray]], signs: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Return the score of the best word of a carrier's window, (R, n)."""
+        score = np.empty((len(self.S), signs.shape[-1]), np.float32)
+        for begin, hypotheses in windows:
+            near = signs[begin : begin + WINDOW_SIZE]
+            score[hypotheses] = (self.S[hypotheses, c] @ near).max(axis=0)
+        return score
 
 
 def _lines(S: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:

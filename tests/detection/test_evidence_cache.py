@@ -10,7 +10,7 @@ import pytest
 
 from gltf_files import ball
 from meshmark.detection import evidence_cache
-from meshmark.detection.evidence_cache import kept_evidence
+from meshmark.detection.evidence_cache import EvidenceFile, kept_evidence
 from meshmark.errors import InputError, UsageError
 from meshmark.extension.recipe import Recipe
 from meshmark.testing.meshes import bumpy_sphere
@@ -61,21 +61,21 @@ def test_a_source_that_changes_while_it_is_measured_leaves_no_evidence(
     with monkeypatch.context() as patch:
         patch.setattr(evidence_cache, "gather", meanwhile)
         with pytest.raises(InputError, match=r"ball\.obj: (changed while|cannot be read)"):
-            kept_evidence(str(source), evidence, recipes=RECIPES)
+            kept_evidence(str(source), EvidenceFile(evidence), recipes=RECIPES)
     assert not evidence.exists()
 
 
 def test_evidence_of_a_file_that_stays_is_kept_and_is_its_own_only(source) -> None:
     evidence = source.with_name("e")
-    measured = kept_evidence(str(source), evidence, recipes=RECIPES)
-    again = kept_evidence(str(source), evidence, recipes=RECIPES)
+    measured = kept_evidence(str(source), EvidenceFile(evidence), recipes=RECIPES)
+    again = kept_evidence(str(source), EvidenceFile(evidence), recipes=RECIPES)
     assert measured.items[0].chips == again.items[0].chips > 0
-    told = kept_evidence(str(source), evidence, recipes=RECIPES, authenticated=False)
+    told = kept_evidence(str(source), EvidenceFile(evidence, False), recipes=RECIPES)
     assert (again.authenticated, told.authenticated) == (True, False)
     written_anew(source)
     for authenticated in (True, False):
         with pytest.raises(UsageError, match="another file"):
-            kept_evidence(str(source), evidence, recipes=RECIPES, authenticated=authenticated)
+            kept_evidence(str(source), EvidenceFile(evidence, authenticated), recipes=RECIPES)
 
 
 def test_evidence_is_that_of_a_clip(tmp_path) -> None:
@@ -85,16 +85,16 @@ def test_evidence_is_that_of_a_clip(tmp_path) -> None:
     made.animate(0, "rotation", [0, 0.25], [[0, 0, 0, 1], [0, 0.5, 0, 0.9]])
     source, evidence = str(made.save(tmp_path / "ball.glb")), tmp_path / "e"
     turn = {"clip": "Turn", "fps": 8.0}
-    measured = kept_evidence(source, evidence, recipes=RECIPES, parameters=turn)
-    again = kept_evidence(source, evidence, recipes=RECIPES, parameters=turn)
+    measured = kept_evidence(source, EvidenceFile(evidence), recipes=RECIPES, parameters=turn)
+    again = kept_evidence(source, EvidenceFile(evidence), recipes=RECIPES, parameters=turn)
     assert measured.items[0].chips == again.items[0].chips > 0
     np.testing.assert_array_equal(again.items[0].times, [0, 1, 2])
     for other in (None, {"clip": "Bend", "fps": 8.0}):
         with pytest.raises(UsageError, match=r"another clip, .*: clip Turn, fps 8\.0"):
-            kept_evidence(source, evidence, recipes=RECIPES, parameters=other)
+            kept_evidence(source, EvidenceFile(evidence), recipes=RECIPES, parameters=other)
 
 
 def test_evidence_of_others_is_never_measured(source) -> None:
     with pytest.raises(InputError, match="nowhere"):
-        kept_evidence(str(source), source.with_name("nowhere"), authenticated=False)
+        kept_evidence(str(source), EvidenceFile(source.with_name("nowhere"), False))
     assert not source.with_name("nowhere").exists()

@@ -10,7 +10,7 @@ import pytest
 from meshmark import verify
 from meshmark.commands.attack import write_attacked
 from meshmark.detection.decision import decide
-from meshmark.detection.evidence_cache import kept_evidence
+from meshmark.detection.evidence_cache import EvidenceFile, kept_evidence
 from meshmark.detection.informed import gather_informed
 from meshmark.detection.significance import VERTEX_SHARE, judge, log10_p_of, log10_p_of_names
 from meshmark.detection.verify import judge_all
@@ -222,7 +222,7 @@ def test_evidence_from_a_file_names_whom_evidence_measured_just_now_does(
     def judged():
         found = kept_evidence(
             str(tmp_path / "leak.usdc"),
-            tmp_path / "evidence",
+            EvidenceFile(tmp_path / "evidence"),
             recipes=RELIEF,
             original=str(tmp_path / "original.usdc"),
         )

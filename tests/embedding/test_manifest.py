@@ -16,7 +16,7 @@ import pytest
 from publishing_run import CHANGES, KEY
 
 from meshmark.detection import evidence_cache
-from meshmark.detection.evidence_cache import kept_evidence
+from meshmark.detection.evidence_cache import EvidenceFile, kept_evidence
 from meshmark.embedding import file as publishing
 from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import (
@@ -369,12 +369,12 @@ def test_two_that_measure_the_same_evidence_at_once_leave_one(
         found = gather(*args, **options)
         with monkeypatch.context() as patch:
             patch.setattr(evidence_cache, "gather", gather)
-            other.append(kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE]))
+            other.append(kept_evidence(str(source), EvidenceFile(tmp_path / "e"), recipes=[RECIPE]))
         return found
 
     monkeypatch.setattr(evidence_cache, "gather", meanwhile)
-    mine = kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE])
-    again = kept_evidence(str(source), tmp_path / "e", recipes=[RECIPE])
+    mine = kept_evidence(str(source), EvidenceFile(tmp_path / "e"), recipes=[RECIPE])
+    again = kept_evidence(str(source), EvidenceFile(tmp_path / "e"), recipes=[RECIPE])
     assert mine.items[0].chips == other[0].items[0].chips == again.items[0].chips
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e", "frames"]
 
@@ -423,10 +423,10 @@ def test_evidence_on_a_full_disk_is_none(source, small_disk) -> None:
     evidence = small_disk / "e"
     fill(small_disk, 0)
     with pytest.raises(OutputError, match="No space"):
-        kept_evidence(str(source), evidence, recipes=[RECIPE])
+        kept_evidence(str(source), EvidenceFile(evidence), recipes=[RECIPE])
     assert [p.name for p in small_disk.iterdir()] == ["filler"]
     fill(small_disk, 100_000)
-    assert kept_evidence(str(source), evidence, recipes=[RECIPE]).items
+    assert kept_evidence(str(source), EvidenceFile(evidence), recipes=[RECIPE]).items
 
 
 def test_schemes_are_named_by_whatever_lies_beside_a_file(tmp_path) -> None:
