@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import batch_progress, frame_progress, put_json, say
+from meshmark.cli.console import batch_progress, frame_progress, put_json, say, warn
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -148,6 +148,10 @@ def verify(
         ),
     ] = None,
     chunk: Annotated[int, typer.Option(min=1, help="Sources of one such command.")] = 10,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of a Dask cluster that does the work."),
+    ] = None,
 ) -> None:
     """Say whether each SOURCE bears the key's mark, whose copy it is, and the bound on p."""
     from meshmark.errors import UsageError
@@ -165,15 +169,18 @@ def verify(
     if master is not None and original is None:
         raise UsageError("--master needs --original")
     recorded = jsonl or resume is not None
+    elsewhere = scheduler is not None or commands is not None
     if json and (recorded or commands is not None):
         raise UsageError("--json is one document in the end; no --jsonl, --resume or --commands")
+    if scheduler is not None and (jobs is not None or commands is not None):
+        raise UsageError("--scheduler says by itself who does the work; no --jobs or --commands")
     from meshmark.commands.verification import Request, hashes_beside, recipes_asked
     from meshmark.sources.listing import listed
 
     named = listed(sources)
-    if evidence is not None and (len(named) > 1 or recorded or commands is not None):
+    if evidence is not None and (len(named) > 1 or recorded or elsewhere):
         raise UsageError(
-            "--evidence holds that of one SOURCE, without --jsonl, --resume, --commands"
+            "--evidence holds that of one SOURCE; no --jsonl, --resume, --scheduler or --commands"
         )
     parameters = reader_parameters(clip, fps, variant)
     require_taken(parameters, [*named, *([original] if original else [])])
@@ -205,7 +212,7 @@ def verify(
             return
         for answer in known.values():
             tally.add(answer.verdict, answer.exit_code)
-        with closing(_outcomes(left, request, jobs)) as outcomes:
+        with closing(_outcomes(left, request, jobs, scheduler)) as outcomes:
             for outcome in outcomes:
                 if recorded:
                     _record(outcome, kept, jsonl)
@@ -238,7 +245,9 @@ def _record(outcome: Outcome, kept: AnswerFile | None, jsonl: bool) -> None:
         typer.echo(line)
 
 
-def _outcomes(sources: Sequence[str], request: Request, jobs: int | None) -> Generator[Outcome]:
+def _outcomes(
+    sources: Sequence[str], request: Request, jobs: int | None, scheduler: str | None
+) -> Generator[Outcome]:
     """Verify sources, each in a process of its own if there are several."""
     from meshmark.commands.batch import verify_many
     from meshmark.commands.verify import verify_file
@@ -246,14 +255,19 @@ def _outcomes(sources: Sequence[str], request: Request, jobs: int | None) -> Gen
 
     there = default_jobs() if jobs is None else jobs
     alone = jobs is None and os.environ.get(JOBS_VARIABLE) == "1"
-    if len(sources) < 2 or alone:
+    if scheduler is None and (len(sources) < 2 or alone):
         for source in sources:
             with frame_progress() as progress:
                 outcome = verify_file(source, replace(request, jobs=there), progress)
             yield outcome
         return
-    n = min(there, len(sources))
-    many = verify_many(sources, replace(request, jobs=there // n), n)
+    if scheduler is not None:
+        from meshmark.commands.cluster import verify_on_cluster
+
+        many = verify_on_cluster(sources, request, scheduler, warn)
+    else:
+        n = min(there, len(sources))
+        many = verify_many(sources, replace(request, jobs=there // n), n)
     with batch_progress("verify", len(sources)) as advance, closing(many):
         for outcome in many:
             yield outcome

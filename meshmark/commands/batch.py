@@ -37,14 +37,21 @@ class Task:
     def __call__(self, source: str) -> Outcome:
         """Verify a source within limits."""
         try:
-            os.chdir(self.folder)
+            self._enter(source)
             limit_memory()
-        except OSError as error:
-            lacking = InputError(f"cannot be entered: {error.strerror}", source=self.folder)
-            return failed(source, lacking, self.request)
         except MeshmarkError as error:
             return failed(source, error, self.request)
         return verify_file(source, self.request)
+
+    def _enter(self, source: str) -> None:
+        request = self.request
+        names = (source, request.key_file, request.original, request.master)
+        try:
+            os.chdir(self.folder)
+        except OSError as error:
+            if not all(Path(name).is_absolute() for name in names if name is not None):
+                told = f"cannot be entered: {error.strerror}"
+                raise InputError(told, source=self.folder) from None
 
     def packed(self) -> bytes:
         """Return it as it is sent: with the path of the key's file, and without the key."""
@@ -58,17 +65,16 @@ def failed(source: str, error: MeshmarkError, request: Request) -> Outcome:
     return Outcome(source, None, f"{source}: {told}", error.exit_code, (), asked)
 
 
-def verify_apart(apart: Apart, source: str, request: Request) -> Outcome:
-    """Let a process verify a source, and another one if it dies of it."""
+def verify_apart(apart: Apart, source: str) -> Outcome:
+    """Let a process that does a `Task` verify a source, and another one if it dies of it."""
     for _ in range(ATTEMPTS):
         try:
             outcome: Outcome = apart(source)
             return outcome
-        except WorkerError as error:
+        except (WorkerError, OutputError) as error:
             last = error
-        except OutputError as error:
-            return failed(source, error, request)
-    return failed(source, last, request)
+    task: Task = pickle.loads(apart.function)
+    return failed(source, last, task.request)
 
 
 def verify_many(sources: Sequence[str], request: Request, jobs: int) -> Generator[Outcome]:
@@ -102,7 +108,7 @@ def verify_many(sources: Sequence[str], request: Request, jobs: int) -> Generato
         try:
             with apart:
                 while True:
-                    finished.put(verify_apart(apart, waiting.get_nowait(), request))
+                    finished.put(verify_apart(apart, waiting.get_nowait()))
         except queue.Empty:
             pass
         except BaseException as error:

@@ -21,6 +21,8 @@ from typing import IO, Any
 from meshmark.errors import WorkerError
 from meshmark.files.temporary import ScratchFolder
 
+# Whoever asks nothing for so long may never again, and forget to say so.
+PATIENCE = 120.0  # seconds
 _LENGTH = struct.Struct("!Q")
 # So that a process that does nothing but wait is not given half a gigabyte of buffers.
 SPARING = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
@@ -86,6 +88,9 @@ class Apart:
         with self._starting:
             if self._is_killed:
                 raise WorkerError("no process works any more")
+            if self._process is not None and self._process.poll() is not None:
+                # It had nothing to do for long.
+                self.close()
             if self._process is None:
                 self._folder = ScratchFolder()
                 self._process = subprocess.Popen(
@@ -165,8 +170,10 @@ def main() -> None:
     said: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, said), daemon=True).start()
     function = pickle.loads(said.get())
-    while True:
-        _put(answers, pickle.dumps(function(pickle.loads(said.get()))))
+    with suppress(queue.Empty):
+        while True:
+            item = pickle.loads(said.get(timeout=PATIENCE))
+            _put(answers, pickle.dumps(function(item)))
 
 
 if __name__ == "__main__":
