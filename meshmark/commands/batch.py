@@ -45,7 +45,7 @@ class Task:
 
     def _enter(self, source: str) -> None:
         request = self.request
-        names = (source, request.key_file, request.original, request.master)
+        names = (source, request.key_file, request.original, request.master, request.store)
         try:
             os.chdir(self.folder)
         except OSError as error:
