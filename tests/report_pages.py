@@ -19,7 +19,8 @@ HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\"'&{{ 
 
 def asked(name: str = "copy.usdc", files: int = 1) -> Asked:
     hashes = tuple((f"copy: {name} {i}", "0" * 64) for i in range(files))
-    return Asked(name, "0123456789abcdef", 1e-6, None, f"meshmark report {name}", hashes)
+    command, schemes = f"meshmark report {name}", (("apex", "5"), ("relief", "2"))
+    return Asked(name, "0123456789abcdef", 1e-6, None, command, hashes, schemes)
 
 
 def verdict(

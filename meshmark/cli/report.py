@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -185,5 +186,6 @@ def _identified(
         found = identify(
             sources.copy, own, {key.id: key}, fpr=request.fpr, jobs=request.jobs, progress=tell
         )
-    verdict = Verdict.of_nothing(copy, found.notes) if found.best is None else found.best.verdict
-    return sources, verdict, found, kept.name
+    best = Verdict.of_nothing(copy, found.notes) if found.best is None else found.best.verdict
+    # What was not looked at leaves the answer open.
+    return sources, replace(best, verdict=found.verdict), found, kept.name

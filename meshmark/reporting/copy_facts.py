@@ -33,6 +33,8 @@ class Asked:
         What repeats the report, with KEYFILE for the key.
     files : tuple of (str, str)
         Name and SHA-256 of every file involved.
+    schemes : tuple of (str, str)
+        Name and version of each scheme that was tried.
     """
 
     copy: str
@@ -41,6 +43,7 @@ class Asked:
     original: str | None
     command: str
     files: tuple[tuple[str, str], ...]
+    schemes: tuple[tuple[str, str], ...]
 
 
 def copy_facts(asked: Asked, verdict: Verdict, found: Identification | None = None) -> Facts:
@@ -51,7 +54,7 @@ def copy_facts(asked: Asked, verdict: Verdict, found: Identification | None = No
     if found is not None:
         sections.append(_ledger(found))
     if notes:
-        sections.append(Section("What could not be looked at", notes=tuple(notes)))
+        sections.append(Section("What could not be looked at, and other notes", notes=tuple(notes)))
     return Facts(
         title=f"Report on {asked.copy}",
         kind="Is this file a marked copy?",
@@ -66,6 +69,7 @@ def copy_facts(asked: Asked, verdict: Verdict, found: Identification | None = No
             f"KEYFILE stands for the file of the key with the id {asked.key_id}. The key itself "
             "is nowhere in this report."
         ),
+        schemes=asked.schemes,
     )
 
 

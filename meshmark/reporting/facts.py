@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from platform import python_version
 
@@ -121,7 +121,8 @@ class Facts:
         What repeats it.
     command_note : str
         What has to be filled in.
-    versions : tuple of (str, str)
+    schemes : tuple of (str, str)
+        Name and version of each scheme.
     """
 
     title: str
@@ -134,13 +135,14 @@ class Facts:
     files: tuple[tuple[str, str], ...]
     command: str
     command_note: str
-    versions: tuple[tuple[str, str], ...] = field(default_factory=lambda: versions())
+    schemes: tuple[tuple[str, str], ...]
 
-
-def versions() -> tuple[tuple[str, str], ...]:
-    """List the versions of meshmark, Python and the libraries results may depend on."""
-    libraries = ((name, version(name)) for name in LIBRARIES)
-    return (("meshmark", __version__), ("Python", python_version()), *libraries)
+    @property
+    def versions(self) -> tuple[tuple[str, str], ...]:
+        """Versions of everything that results may depend on."""
+        libraries = ((name, version(name)) for name in LIBRARIES)
+        schemes = ((f"scheme {name}", number) for name, number in self.schemes)
+        return (("meshmark", __version__), *schemes, ("Python", python_version()), *libraries)
 
 
 def shortened(text: str) -> str:

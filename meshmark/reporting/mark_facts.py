@@ -70,6 +70,7 @@ def mark_facts(
             f"KEYFILE stands for the file of the key with the id {manifest['key_id']}. The key "
             "itself is nowhere in this report."
         ),
+        schemes=tuple((layer["name"], layer["version"]) for layer in manifest["layers"]),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ from meshmark.commands.identification import Identification
 from meshmark.commands.verification import Request
 from meshmark.detection.verdict import Verdict
 from meshmark.embedding.manifest import manifest_path, output_hashes
-from meshmark.errors import UsageError
+from meshmark.errors import CapacityError, OutputError, UsageError
 from meshmark.extension.recipe import Recipe
+from meshmark.mesh.asset import Asset
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.reporting.copy_facts import Asked, copy_facts
 from meshmark.reporting.distances import LABEL, Distances
 from meshmark.reporting.mark_facts import mark_facts
@@ -30,15 +33,21 @@ DISPLACEMENT = "Displacement by the mark"
 
 
 def require_page(output: Path) -> None:
-    """Refuse a place for a page that may be that of something else.
+    """Refuse a place for a page that may be that of something else, or is none.
 
     Raises
     ------
     UsageError
         If it is not called like a page.
+    OutputError
+        If there is no such folder.
     """
     if output.suffix.lower() not in SUFFIXES:
         raise UsageError(f"a report is an HTML page: *{SUFFIXES[0]}", source=output)
+    if not output.parent.is_dir():
+        raise OutputError("the folder to write into does not exist", source=output.parent)
+    if output.is_dir():
+        raise OutputError("is a folder", source=output)
 
 
 @sharing_workers
@@ -78,6 +87,7 @@ def copy_page(
         origin = best.origin
         original = read(origin.source, parameters=origin.parameters or None, isolated=True)
         sources = sources.beside(original)
+    recipes = request.recipes_for(copy.source)
     asked = Asked(
         copy=copy.source,
         key_id=request.key_id,
@@ -85,10 +95,16 @@ def copy_page(
         original=None if sources.original is None else sources.original.source,
         command=command,
         files=tuple(file.told for file in sources.files),
+        schemes=tuple(_scheme(recipe) for recipe in recipes),
     )
-    view = _copy_view(sources, request.recipes_for(copy.source), request.frames, jobs)
+    view = _shown(partial(_copy_view, sources, recipes, request.frames, jobs))
     sources.require_unchanged()
     return page(copy_facts(asked, verdict, found), view)
+
+
+def _scheme(recipe: Recipe) -> tuple[str, str]:
+    told = recipe.as_json()["scheme"]
+    return told["name"], told["version"]
 
 
 def _copy_view(
@@ -105,6 +121,23 @@ def _copy_view(
             distances = Distances(placed)
             return view_of(copy, chosen.at(distances.times), label=LABEL, values=distances)
     return view_of(copy, chosen)
+
+
+def _mark_view(original: Asset, written: Asset, recipes: Sequence[Recipe]) -> View | None:
+    """Show a file before and after it was marked."""
+    chosen = select(original, recipes)
+    if chosen is None:
+        return None
+    return view_of(original, chosen, label=DISPLACEMENT, marked=written)
+
+
+def _shown(make: Callable[[], View | None]) -> View | None:
+    """Make a view; of shapes that are too degenerate to compute on, a page has none."""
+    try:
+        with breakdown_means_no_capacity():
+            return make()
+    except CapacityError:
+        return None
 
 
 def mark_page(
@@ -140,10 +173,7 @@ def mark_page(
     prims = [prim["prim"] for prim in manifest["prims"]]
     original = read(source, prims, parameters=parameters, isolated=not trusted)
     written = read_back(original, output, prims, parameters)
-    chosen = select(original, recipes)
-    view = None
-    if chosen is not None:
-        view = view_of(original, chosen, label=DISPLACEMENT, marked=written)
+    view = _shown(partial(_mark_view, original, written, recipes))
     files = [*hashed("source", original), *_written("output", output)]
     files += [] if master is None else _written("master", master)
     place = manifest_path(output)

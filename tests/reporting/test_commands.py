@@ -36,6 +36,7 @@ def refused(tmp_path, monkeypatch, capsys):
         (("-o", "r.html", "--ledger", "l", "--original", "o.usdc"), "--ledger names original"),
         (("-o", "r.html", "--ledger", "l", "--recipient", "acme"), "--ledger names original"),
         (("-o", "r.html", "--fpr", "0"), "--fpr must lie between"),
+        (("-o", "r.html", "--ledger", "l", "--scheme", "apex"), "--ledger names original"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_any_work(refused, options, reason) -> None:
@@ -50,9 +51,16 @@ def test_a_copy_that_is_not_there_is_told_of_in_one_line(refused) -> None:
     assert "copy.usdc: no such file" in told
 
 
-@pytest.mark.parametrize("options", [("--report", "r.txt"), ("--report", "r.html", "--dry-run")])
-def test_embed_refuses_a_report_that_it_cannot_write(refused, options) -> None:
-    assert refused("embed", "s.usdc", "-o", "o.usdc", "--key", "k", *options)[0] == 2
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--report", "r.txt"), 2),
+        (("--report", "r.html", "--dry-run"), 2),
+        (("--report", "nowhere/r.html"), 3),
+    ],
+)
+def test_embed_refuses_a_report_that_it_cannot_write(refused, options, code) -> None:
+    assert refused("embed", "s.usdc", "-o", "o.usdc", "--key", "k", *options)[0] == code
 
 
 def digest(path: Path) -> str:
@@ -83,11 +91,10 @@ def test_both_pages_tell_files_and_commands_and_no_key(made) -> None:
 def test_the_same_copy_gives_the_same_page(made, monkeypatch) -> None:
     monkeypatch.chdir(made.folder)
     options = ("--key", "studio.key", "--scheme", "relief", "--original", "horns.usdc")
-    options += ("--recipient", RECIPIENT)
-    for name in ("one.html", "two.html"):
-        assert command(monkeypatch, "report", "m.usdc", *options, "-o", name) == 0
-    one, two = ((made.folder / name).read_text("utf-8") for name in ("one.html", "two.html"))
-    assert one.replace("one.html", "two.html") == two
+    again = (*options, "--recipient", RECIPIENT, "-o", "again.html")
+    assert command(monkeypatch, "report", "m.usdc", *again) == 0
+    text = (made.folder / "again.html").read_text("utf-8")
+    assert text.replace("again.html", "copy.html") == made.copy.read_text("utf-8")
 
 
 @pytest.mark.slow
@@ -98,3 +105,41 @@ def test_what_is_not_marked_has_a_page_and_its_exit_code(made, monkeypatch) -> N
     assert command(monkeypatch, "report", "m.usdc", *options, "-o", "other.html") == 1
     heard = outline((made.folder / "other.html").read_text("utf-8")).heard
     assert "Not marked: the mark was not found in this file" in heard
+
+
+@pytest.mark.slow
+def test_a_ledger_names_asset_recipient_and_original(made, monkeypatch, capsys) -> None:
+    pytest.importorskip("sqlalchemy", reason="the extra ledger is not installed")
+    monkeypatch.chdir(made.folder)
+    assert command(monkeypatch, "ledger", "init", "--ledger", "l.db") == 0
+    mark = ("--key", "studio.key", "--scheme", "relief", "--ledger", "l.db")
+    for name in (RECIPIENT, "globex"):
+        output = f"for-{len(name)}.usdc"
+        assert (
+            command(monkeypatch, "embed", "horns.usdc", "-o", output, *mark, "--recipient", name)
+            == 0
+        )
+    options = ("--key", "studio.key", "--ledger", "l.db", "-o", "ledger.html")
+    assert command(monkeypatch, "report", "for-6.usdc", *options) == 0
+    heard = outline((made.folder / "ledger.html").read_text("utf-8")).heard
+    [headline] = [text for text in heard if text.startswith("Marked: this is horns ")]
+    assert headline.endswith("the copy made for globex")
+    assert "What the ledger knows" in heard
+    # One for the owner, and one for each recipient.
+    assert "3" in heard[heard.index("keys, names and originals of the ledger") :][1]
+    assert digest(made.folder / "horns.usdc") in heard
+
+
+@pytest.mark.slow
+def test_a_file_that_was_changed_meanwhile_has_no_page(made, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(made.folder)
+    (made.folder / "leak.usdc").write_bytes((made.folder / "m.usdc").read_bytes())
+
+    def exchanging(*_: object, **__: object) -> None:
+        (made.folder / "leak.usdc").write_bytes(b"another")
+
+    monkeypatch.setattr("meshmark.reporting.report.select", exchanging)
+    options = ("--key", "studio.key", "--scheme", "relief", "--original", "horns.usdc")
+    assert command(monkeypatch, "report", "leak.usdc", *options, "-o", "leak.html") == 3
+    assert "leak.usdc: changed while it was read" in capsys.readouterr().err
+    assert not (made.folder / "leak.html").exists()

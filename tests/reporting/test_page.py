@@ -53,6 +53,7 @@ def test_the_verdict_is_said_first_and_in_words() -> None:
     assert "does not say who passed the file on" in told
     assert "meshmark report copy.usdc" in told
     assert "0123456789abcdef" in told
+    assert "scheme relief 2" in told
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,18 @@ import pytest
 
 from meshmark.alignment.align import align
 from meshmark.errors import InputError
+from meshmark.extension.recipe import default_layers
 from meshmark.mesh.animation import Frame, MappedFrames, MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
+from meshmark.reporting.copy_facts import copy_facts
 from meshmark.reporting.decimation import shown_mesh, simplified
 from meshmark.reporting.distances import Distances
+from meshmark.reporting.page import LARGEST, page
 from meshmark.reporting.selection import FRAMES, MESHES, select
 from meshmark.reporting.view import ROOM, view_of
+from meshmark.sources.reading import read
 from meshmark.testing.meshes import icosphere, plane, side_by_side, torus
+from report_pages import asked, verdict
 
 
 def moving_torus(n_frames: int = 3) -> MeshAnimation:
@@ -145,3 +150,14 @@ def test_many_frames_and_meshes_have_room() -> None:
     T, n, _ = view.positions.shape
     assert T <= FRAMES
     assert 10 * T * n + 12 * n < ROOM
+
+
+@pytest.mark.slow
+def test_a_page_of_the_elephant_in_48_frames_is_below_two_megabytes(data_folder) -> None:
+    asset = read(data_folder / "elephant-gallop.usdc")
+    view = view_of(asset, select(asset, default_layers()), label="Moved", marked=asset)
+    facts = copy_facts(asked(), verdict(prims=60, frames=400))
+    size = len(page(facts, view).encode())
+    assert view.selection.n_points == 42_321
+    assert view.selection.n_frames == 48
+    assert size < LARGEST
