@@ -8,12 +8,19 @@ from dataclasses import dataclass
 
 from meshmark.commands.identification import Candidate, Identification
 from meshmark.detection.verdict import PrimVerdict, Verdict
-from meshmark.reporting.facts import Facts, Section, Series, Table
+from meshmark.reporting.facts import Facts, Section, Series, Table, shortened
 from meshmark.reporting.search_facts import cost
-from meshmark.reporting.wording import listed, log10, odds, percent, time_code
+from meshmark.reporting.wording import (
+    listed,
+    log10,
+    odds,
+    percent,
+    this_very_key,
+    time_code,
+)
 
 # Meshes of which the evidence is shown frame by frame, those with the lowest p.
-MOST_CHARTS = 4
+MOST_CHARTS = 3
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,11 @@ class Asked:
     files: tuple[tuple[str, str], ...]
     schemes: tuple[tuple[str, str], ...]
 
+    @property
+    def named(self) -> str:
+        """The copy, as it is named in sentences."""
+        return shortened(self.copy)
+
 
 def copy_facts(asked: Asked, verdict: Verdict, found: Identification | None = None) -> Facts:
     """Tell of a verdict, and where a ledger was asked, of what that named."""
@@ -56,7 +68,7 @@ def copy_facts(asked: Asked, verdict: Verdict, found: Identification | None = No
     if notes:
         sections.append(Section("What could not be looked at, and other notes", notes=tuple(notes)))
     return Facts(
-        title=f"Report on {asked.copy}",
+        title=f"Report on {asked.named}",
         kind="Is this file a marked copy?",
         answer=verdict.verdict,
         headline=_headline(verdict, asked, best),
@@ -94,10 +106,10 @@ def _words(verdict: Verdict, asked: Asked, best: Candidate | None) -> Iterator[s
     limit = odds(math.log10(asked.fpr))
     if verdict.verdict == "marked":
         yield (
-            f"The file {asked.copy} bears a hidden mark that was made with the key "
-            f"{asked.key_id}. A match as good as this one would come about by chance, with a key "
-            f"drawn at random, with a probability of at most {odds(verdict.log10_p)}. Everything "
-            f"that was tried is counted in this figure. The limit set beforehand is {limit}."
+            f"The file {asked.named} bears a hidden mark that was made with the key "
+            f"{asked.key_id}. A key drawn at random would fit it as well with a probability of at "
+            f"most {odds(verdict.log10_p)}{this_very_key(verdict.log10_p)}. Everything that was "
+            f"tried is counted in this figure. The limit set beforehand is {limit}."
         )
         names = [named.recipient for named in verdict.recipients if named.recipient is not None]
         if len(names) > 1:
@@ -124,7 +136,7 @@ def _words(verdict: Verdict, asked: Asked, best: Candidate | None) -> Iterator[s
     )
     if verdict.verdict == "not marked":
         yield (
-            f"The file {asked.copy} is large enough to show the mark of the key "
+            f"The file {asked.named} is large enough to show the mark of the key "
             f"{asked.key_id}, but nothing in it fits that key better than chance allows. The "
             f"limit set beforehand is {limit}.{beside}"
         )
@@ -134,7 +146,7 @@ def _words(verdict: Verdict, asked: Asked, best: Candidate | None) -> Iterator[s
         )
         return
     yield (
-        f"The file {asked.copy} shows too little to be judged, whether or not it bears the mark "
+        f"The file {asked.named} shows too little to be judged, whether or not it bears the mark "
         f"of the key {asked.key_id}: no key could have reached the limit of {limit}, or the file "
         f"does not fit the original.{beside}"
     )
@@ -197,7 +209,7 @@ def _evidence(verdict: Verdict, asked: Asked) -> Section:
 
 def _name(prim: PrimVerdict) -> str:
     part = f" ({prim.part})" if prim.part else ""
-    return f"{prim.prim}{part} by {prim.scheme}"
+    return shortened(f"{prim.prim}{part} by {prim.scheme}")
 
 
 def _meshes(prims: list[PrimVerdict]) -> Table:

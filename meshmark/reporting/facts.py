@@ -11,9 +11,9 @@ from meshmark.version import __version__
 # Libraries whose versions results may depend on.
 LIBRARIES = ("numpy", "scipy", "usd-core")
 # Rows of a table, and lines of a list, that a page prints.
-MOST_ROWS = 400
+MOST_ROWS = 300
 # Of what a file says of itself, such as its path, so many characters are printed.
-LONGEST = 300
+LONGEST = 160
 
 
 @dataclass(frozen=True)

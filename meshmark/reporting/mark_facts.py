@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from meshmark.reporting.facts import Facts, Section, Table
-from meshmark.reporting.wording import listed, log10, odds, percent
+from meshmark.reporting.facts import Facts, Section, Table, shortened
+from meshmark.reporting.wording import listed, log10, odds, percent, this_very_key
 
 # Measures of distortion, and whether they are shares of the diagonal.
 MEASURES = (
@@ -57,7 +57,7 @@ def mark_facts(
     if notes:
         sections.append(Section("What else there is to know", notes=notes))
     return Facts(
-        title=f"Report on {output}",
+        title=f"Report on {shortened(output)}",
         kind="What marking did to this file",
         answer=answer,
         headline=f"{done}: {f'the copy for {whose}' if whose else 'a copy for nobody by name'}",
@@ -83,8 +83,9 @@ def _words(manifest: Mapping[str, Any], output: str) -> Iterator[str]:
     found, prims = manifest["verification"], manifest["prims"]
     schemes = listed([layer["name"] for layer in manifest["layers"]])
     yield (
-        f"{output} holds a hidden mark of the key {manifest['key_id']} in {len(prims)} of "
-        f"{len(prims) + len(manifest['skipped'])} meshes, laid by {schemes}. The surface moved by "
+        f"{shortened(output)} holds a hidden mark of the key {manifest['key_id']} in "
+        f"{len(prims)} of {len(prims) + len(manifest['skipped'])} meshes, laid by {schemes}. The "
+        "surface moved by "
         f"{percent(_worst(manifest, 'mrms_rel'))} of the diagonal of its box on average, and by "
         f"{percent(_worst(manifest, 'hausdorff_rel'))} at most, in the mesh that moved most. "
         "Points also slide along the surface, which moves no part of it; the view shows both. No "
@@ -92,8 +93,8 @@ def _words(manifest: Mapping[str, Any], output: str) -> Iterator[str]:
     )
     yield (
         "The written file was read back and verified. A key drawn at random would fit as well with "
-        f"a probability of at most {odds(found['log10_p'])}; the limit is "
-        f"{odds(math.log10(found['fpr']))}."
+        f"a probability of at most {odds(found['log10_p'])}{this_very_key(found['log10_p'])}. The "
+        f"limit is {odds(math.log10(found['fpr']))}."
     )
 
 

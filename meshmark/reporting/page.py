@@ -24,14 +24,14 @@ from meshmark.reporting.chart import chart
 from meshmark.reporting.colours import PALETTE, heat_colours
 from meshmark.reporting.facts import Facts, Table, shortened
 from meshmark.reporting.still import HEIGHT, WIDTH, heat_steps, still
-from meshmark.reporting.view import View, steps
+from meshmark.reporting.view import View
 from meshmark.reporting.wording import percent, time_code
 
 ASSETS = Path(__file__).parent / "assets"
 # Bytes that a page may have.
 LARGEST = 2_000_000
 # Parts that the legend names, and files that are listed one by one.
-MOST_NAMED, MOST_FILES = 8, 400
+MOST_NAMED, MOST_FILES = 8, 300
 # Displacements are shown so many times as large at most, and the largest as long as this.
 MAGNIFIED, VISIBLE = 200, 0.1
 
@@ -183,7 +183,8 @@ def _data(view: View) -> Markup:
         told["heat"] = {"values": _text(values), "colours": heat_colours()}
     if view.moves is not None:
         largest = float(np.abs(view.moves).max()) or 1.0
-        told["moves"] = {"reach": largest, "values": _text(steps(view.moves, largest, np.int8))}
+        steps = np.rint(view.moves / largest * np.iinfo(np.int8).max).astype(np.int8)
+        told["moves"] = {"reach": largest, "values": _text(steps)}
     # Whatever a file is called, a script ends where it is to end.
     return Markup(json.dumps(told, separators=(",", ":")).replace("<", "\\u003c"))
 

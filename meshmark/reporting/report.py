@@ -112,7 +112,7 @@ def _copy_view(
 ) -> View | None:
     """Show a copy, and how far it is from its original, if it lies on one."""
     copy, original = sources.copy, sources.original
-    chosen = select(copy, recipes)
+    chosen = select(copy, recipes, frames)
     if chosen is None:
         return None
     if original is not None:

@@ -12,7 +12,7 @@ from meshmark.errors import CapacityError, InputError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
-from meshmark.mesh.frame_range import spread
+from meshmark.mesh.frame_range import frames_in, has_frame_in, spread
 from meshmark.reporting.decimation import ShownMesh, shown_mesh
 
 # Frames and points that are shown at most, and meshes, the largest first.
@@ -51,7 +51,9 @@ class Selection:
         return replace(self, times=wanted[spread(len(wanted), FRAMES)])
 
 
-def select(asset: Asset, recipes: Sequence[Recipe] = ()) -> Selection | None:
+def select(
+    asset: Asset, recipes: Sequence[Recipe] = (), frames: str | None = None
+) -> Selection | None:
     """Choose what of an asset is shown; None if nothing of it can be.
 
     Parameters
@@ -59,6 +61,8 @@ def select(asset: Asset, recipes: Sequence[Recipe] = ()) -> Selection | None:
     asset : Asset
     recipes : sequence of Recipe
         Schemes of which it is shown where their carriers stand.
+    frames : str, optional
+        Range A:B[:S] of time codes to choose from.
     """
     sizes = {mesh.prim: _size(mesh) for mesh in asset.meshes}
     largest = sorted(asset.meshes, key=lambda mesh: -sizes[mesh.prim])[:MESHES]
@@ -74,7 +78,8 @@ def select(asset: Asset, recipes: Sequence[Recipe] = ()) -> Selection | None:
     if not chosen:
         return None
     lead = max((each.mesh for each in chosen), key=len)
-    times = lead.times[spread(len(lead), FRAMES)]
+    inside = frames_in(lead, frames if has_frame_in(lead, frames) else None)
+    times = lead.times[[inside[i] for i in spread(len(inside), FRAMES)]]
     return Selection(tuple(chosen), times, len(lead), len(asset.meshes), sum(sizes.values()))
 
 

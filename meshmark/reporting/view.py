@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
@@ -20,7 +18,7 @@ from meshmark.reporting.decimation import ShownMesh
 from meshmark.reporting.selection import Selection
 
 # Bytes of arrays that a view may have; as text they take a third more.
-ROOM = 690_000
+ROOM = 660_000
 # Bytes of a point: in a frame, its value there, its move there, and its triangles and part.
 POSITION, VALUE, MOVE, ONCE = 6, 1, 3, 13
 # Share of the values that the colours reach up to; the rest has the last colour.
@@ -112,36 +110,26 @@ def view_of(
     twins = None if marked is None else [marked.mesh(each.mesh.prim) for each in shown]
     of_point = POSITION + (values is not None or twins is not None) + MOVE * (twins is not None)
     room = max(1, (ROOM // selection.shown - ONCE) // of_point)
-    frames: dict[float, FloatArray] = {}
-    after: list[FloatArray] = []
-    told: list[FloatArray] = []
-    for time in selection.times[spread(len(selection.times), room)].tolist():
-        try:
-            P = np.concatenate([_points(each.mesh, each, time) for each in shown])
-            if twins is not None:
-                pairs = zip(twins, shown, strict=True)
-                after.append(np.concatenate([_points(twin, each, time) for twin, each in pairs]))
-        except InputError:
-            # Verdicts tell of frames that cannot be read.
-            continue
-        if values is not None:
-            told.append(values(P, time))
-        frames[time] = P
+    times = selection.times[spread(len(selection.times), room)].tolist()
+    frames = list(_frames(shown, twins, values, times))
     if not frames:
         return None
-    P = np.array(list(frames.values()))
+    P = np.array([frame.points for frame in frames])
     diagonal = float(np.linalg.norm(np.ptp(P[0], axis=0)))
     if not diagonal > 0.0:
         return None
     X = _upright(P - P.mean(axis=1, keepdims=True), asset.up_axis) / diagonal
     X = X - (X.min(axis=(0, 1)) + X.max(axis=(0, 1))) / 2
-    moves = _upright(np.array(after) - P, asset.up_axis) / diagonal if after else None
-    shares = np.array(told) if moves is None else np.linalg.norm(moves, axis=2)
+    moves, shares = None, np.array([frame.values for frame in frames])
+    if twins is not None:
+        after = np.array([frame.after for frame in frames])
+        moves = _upright(after - P, asset.up_axis) / diagonal
+        shares = np.linalg.norm(moves, axis=2)
     start = np.cumsum([0, *(len(each.points) for each in shown)])
     parts, legend = _parts(shown)
     return View(
         selection=selection,
-        times=np.array(list(frames)),
+        times=np.array([frame.time for frame in frames]),
         positions=X,
         faces=np.concatenate([each.faces + n for each, n in zip(shown, start, strict=False)]),
         parts=parts,
@@ -153,18 +141,42 @@ def view_of(
     )
 
 
-def steps(values: FloatArray, reach: float, kind: type[Any]) -> NDArray[Any]:
-    """Round values to whole steps of a type of integers, all of which `reach` takes."""
-    most = np.iinfo(kind).max
-    return np.clip(np.rint(values / reach * most), -most, most).astype(kind)
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Chosen points of all meshes at a time: before, after, and values; empty where not asked."""
+
+    time: float
+    points: FloatArray
+    after: FloatArray
+    values: FloatArray
 
 
-def _points(mesh: MeshAnimation, shown: ShownMesh, time: float) -> FloatArray:
-    """Read the chosen points of a mesh at the frame that is nearest in time."""
-    gaps = np.abs(np.nan_to_num(mesh.times) - np.nan_to_num(time))
-    P = mesh[int(gaps.argmin())].points[shown.points]
-    require_measurable(P)
-    return P
+def _frames(
+    shown: Sequence[ShownMesh],
+    twins: Sequence[MeshAnimation] | None,
+    values: Values | None,
+    times: Sequence[float],
+) -> Iterator[_Frame]:
+    """Read the frames that can be read."""
+    own = [each.mesh for each in shown]
+    for time in times:
+        try:
+            P = _points(own, shown, time)
+            after = np.empty(0) if twins is None else _points(twins, shown, time)
+        except InputError:
+            # Verdicts tell of frames that cannot be read.
+            continue
+        yield _Frame(time, P, after, np.empty(0) if values is None else values(P, time))
+
+
+def _points(meshes: Sequence[MeshAnimation], shown: Sequence[ShownMesh], time: float) -> FloatArray:
+    """Read the chosen points of meshes, (n, 3), each at the frame that is nearest in time."""
+    found = []
+    for mesh, chosen in zip(meshes, shown, strict=True):
+        gaps = np.abs(np.nan_to_num(mesh.times) - np.nan_to_num(time))
+        found.append(mesh[int(gaps.argmin())].points[chosen.points])
+        require_measurable(found[-1])
+    return np.concatenate(found)
 
 
 def _upright(P: FloatArray, up_axis: str) -> FloatArray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+# Nobody draws a certain one of all keys more seldom than that, whatever a bound says.
+KEYS = 256 * math.log10(2.0)
 # Up to this power of ten, odds are written out.
 WRITTEN_OUT = 15
 # A blank at which no line is broken.
@@ -15,11 +17,11 @@ SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 def odds(log10_p: float) -> str:
     """Write a bound on a probability as "1 in N", N rounded down to two digits.
 
-    >>> odds(-6.0), odds(-7.31), odds(-0.2), odds(-40.5)
-    ('1 in 1,000,000', '1 in 20,000,000', 'no bound: 1', '1 in 3 × 10⁴⁰')
+    >>> odds(-6.0), odds(-7.31), odds(-0.2), odds(-40.5), odds(-500.0)
+    ('1 in 1,000,000', '1 in 20,000,000', 'no bound: 1', '1 in 3 × 10⁴⁰', '1 in 10⁷⁷')
     """
     # Of what was computed in floating point, the last digits say nothing.
-    exponent = -log10_p + 1e-9
+    exponent = min(-log10_p, KEYS) + 1e-9
     if exponent < math.log10(2.0):
         return "no bound: 1"
     power = math.floor(exponent)
@@ -29,6 +31,12 @@ def odds(log10_p: float) -> str:
     digit = math.floor(10.0 ** (exponent - power))
     times = f"{digit} × " if digit > 1 else ""
     return f"1 in {times}10{str(power).translate(SUPERSCRIPT)}"
+
+
+def this_very_key(log10_p: float) -> str:
+    """Explain odds that are those of drawing one key of all there are; else nothing."""
+    drawn = ", which is the chance to draw this very key: there are no more than 2²⁵⁶"
+    return drawn if -log10_p >= KEYS else ""
 
 
 def factor(log10_x: float) -> str:

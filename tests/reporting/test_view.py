@@ -62,6 +62,11 @@ def test_a_view_follows_a_mesh_that_walks_away() -> None:
     assert view.times.tolist() == [1.0, 2.0, 3.0]
 
 
+def test_a_range_of_frames_is_kept_to() -> None:
+    asset = as_asset(moving_torus(9))
+    assert select(asset, frames="3:7:2").times.tolist() == [3.0, 5.0, 7.0]
+
+
 def test_z_up_is_turned_and_not_mirrored() -> None:
     V, F = torus(12, 8)
     asset = Asset("t", (MeshAnimation.from_arrays(V, F),), "memory", up_axis="Z")
