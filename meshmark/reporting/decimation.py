@@ -13,11 +13,10 @@ from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.checks import require_extent, require_measurable
-from meshmark.mesh.components import surface_components
 from meshmark.mesh.geometry import surface_box
 from meshmark.mesh.runs import cut, longest, runs
 from meshmark.mesh.welding import Welding
-from meshmark.reporting.anchors import anchors_of
+from meshmark.reporting.places import anchors_of, parts_of
 
 # Frames of a mesh among which one that can be read is looked for.
 TRIES = 12
@@ -37,8 +36,8 @@ class ShownMesh:
         Which points of the mesh; the same in every frame.
     faces : (f, 3) int
         Triangles between them.
-    surfaces : (n,) int
-        Connected surface that each lies in, from 0.
+    parts : (n,) int
+        Part of the mesh that each lies in.
     anchors : (a,) int
         Those at which carriers stand.
     """
@@ -46,7 +45,7 @@ class ShownMesh:
     mesh: MeshAnimation
     points: IntArray
     faces: IntArray
-    surfaces: IntArray
+    parts: IntArray
     anchors: IntArray
 
 
@@ -61,15 +60,15 @@ def shown_mesh(animation: MeshAnimation, most: int, recipes: Sequence[Recipe] = 
     mesh = cut(animation, longest(runs(animation), 1)[0])
     frame = _readable(mesh)
     welding = Welding.of(frame)
-    V, F = frame.points[welding.kept], welding.topology.triangles
-    label = surface_components(V, F)
-    surface = np.zeros(len(V), dtype=np.int64)
-    surface[F.ravel()] = np.repeat(label, 3)
+    analysed = welding.frame(frame)
+    V, F = analysed.points, analysed.faces
+    parts = np.zeros(len(V), dtype=np.int64)
+    parts[F.ravel()] = np.repeat(parts_of(analysed, recipes), 3)
     kept, faces = simplified(V, F, most)
-    anchors = np.searchsorted(welding.kept, anchors_of(frame, recipes))
-    points = np.concatenate([kept, anchors])
+    anchors = anchors_of(analysed, recipes)
+    vertices = np.concatenate([kept, anchors])
     places = len(kept) + np.arange(len(anchors))
-    return ShownMesh(mesh, welding.kept[points], faces, surface[points], places)
+    return ShownMesh(mesh, welding.kept[vertices], faces, parts[vertices], places)
 
 
 def simplified(V: FloatArray, F: IntArray, most: int) -> tuple[IntArray, IntArray]:

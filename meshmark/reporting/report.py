@@ -176,6 +176,8 @@ def mark_page(
     view = _shown(partial(_mark_view, original, written, recipes))
     files = [*hashed("source", original), *_written("output", output)]
     files += [] if master is None else _written("master", master)
+    if "c2pa" in manifest:
+        files.append(Hashed("credentials", manifest["c2pa"]["file"], manifest["c2pa"]["sha256"]))
     place = manifest_path(output)
     files.append(Hashed("manifest", str(place), sha256(place)))
     told = tuple(file.told for file in files)

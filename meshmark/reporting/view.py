@@ -193,12 +193,12 @@ def _heat(label: str, shares: FloatArray) -> Heat:
 
 
 def _parts(shown: Sequence[ShownMesh]) -> tuple[IntArray, tuple[str, ...]]:
-    """Tell apart the connected surfaces of all meshes, and name them."""
+    """Tell apart the parts of all meshes, and name them."""
     parts: list[IntArray] = []
     legend: list[str] = []
     for each in shown:
-        surfaces, own = np.unique(each.surfaces, return_inverse=True)
+        labels, own = np.unique(each.parts, return_inverse=True)
         parts.append(len(legend) + own)
-        numbered = [f"{each.mesh.prim}, surface {k + 1}" for k in range(len(surfaces))]
+        numbered = [f"{each.mesh.prim}, part {k + 1}" for k in range(len(labels))]
         legend += numbered if len(numbered) > 1 else [each.mesh.prim]
     return np.concatenate(parts), tuple(legend)

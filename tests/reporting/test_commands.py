@@ -46,7 +46,7 @@ def test_what_makes_no_sense_is_refused_before_any_work(refused, options, reason
 
 
 def test_a_copy_that_is_not_there_is_told_of_in_one_line(refused) -> None:
-    code, told = refused("report", "copy.usdc", "--key", "k", "-o", "r.html")
+    code, told = refused("report", "copy.usdc", "--key", "k", "-o", "r.html", "--trusted")
     assert code == 3
     assert "copy.usdc: no such file" in told
 

@@ -7,7 +7,7 @@ import pytest
 
 from meshmark.alignment.align import align
 from meshmark.errors import InputError
-from meshmark.extension.recipe import default_layers
+from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.mesh.animation import Frame, MappedFrames, MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
 from meshmark.reporting.copy_facts import copy_facts
@@ -17,7 +17,7 @@ from meshmark.reporting.page import LARGEST, page
 from meshmark.reporting.selection import FRAMES, MESHES, select
 from meshmark.reporting.view import ROOM, view_of
 from meshmark.sources.reading import read
-from meshmark.testing.meshes import icosphere, plane, side_by_side, torus
+from meshmark.testing.meshes import dumbbell, icosphere, plane, side_by_side, torus
 from report_pages import asked, verdict
 
 
@@ -116,7 +116,7 @@ def test_parts_are_connected_surfaces_and_have_names() -> None:
     mesh = side_by_side((V - [2.0, 0.0, 0.0], F), (V + np.array([2.0, 0.0, 0.0]), F))
     asset = as_asset(MeshAnimation.from_arrays(*mesh, prim="/Balls"))
     view = view_of(asset, select(asset))
-    assert view.legend == ("/Balls, surface 1", "/Balls, surface 2")
+    assert view.legend == ("/Balls, part 1", "/Balls, part 2")
     sides = [set(view.parts[view.positions[0][:, 0] * s > 0.1].tolist()) for s in (-1, 1)]
     assert all(len(side) == 1 for side in sides)
     assert sides[0] != sides[1]
@@ -126,6 +126,15 @@ def unreadable(frame: Frame) -> Frame:
     if frame.time == 2.0:
         raise InputError("broken")
     return frame
+
+
+def test_parts_are_those_of_the_segmenter_if_a_scheme_needs_one() -> None:
+    asset = as_asset(MeshAnimation.from_arrays(*dumbbell(24, 48), prim="/Bell"))
+    view = view_of(asset, select(asset, [Recipe("tsai2014")]))
+    assert len(view.legend) > 1
+    x = view.positions[0][:, np.ptp(view.positions[0], axis=0).argmax()]
+    ends = [set(view.parts[side].tolist()) for side in (x < -0.3, x > 0.3)]
+    assert ends[0] != ends[1]
 
 
 def test_frames_that_cannot_be_read_are_left_out() -> None:
