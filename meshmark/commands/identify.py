@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.alignment.likeness import signatures, unlikeness
+from meshmark.alignment.likeness import hypotheses, signatures, unlikeness
 from meshmark.commands.identification import Candidate, Identification
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence, Survey
@@ -34,6 +34,7 @@ from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import source_digests
 from meshmark.sources.reading import read
 from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.pool import one_thread
 from meshmark.workers.progress import MeshProgress
 
 # Originals that a suspect is laid upon, unless more are asked for.
@@ -192,7 +193,9 @@ class _Search:
         same = [known for known in self.readable if mine & set(known.origin.meshes)]
         others = [known for known in self.readable if known not in same]
         for some in (same, others):
-            likeness = {id(known): self._unlikeness(known) for known in some if len(some) > 1}
+            # Matrices are small: threads would wait for each other more than they would work.
+            with one_thread():
+                likeness = {id(known): self._unlikeness(known) for known in some if len(some) > 1}
             yield from sorted(
                 some, key=lambda k: (owners.get(k.key.id, 0.0), likeness.get(id(k), 0.0))
             )
@@ -297,7 +300,7 @@ class _Search:
 
     @cached_property
     def _signatures(self) -> list[Any]:
-        return signatures(self._suspect)
+        return hypotheses(self._suspect)
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

@@ -13,7 +13,6 @@ import pytest
 from command_line import command
 from marked_studio import record_for_all, rock, write_rocks
 from meshmark import verify
-from meshmark.alignment.likeness import signature, signatures, unlikeness
 from meshmark.commands.attack import write_attacked
 from meshmark.commands.identify import identify
 from meshmark.embedding.file import mark_file
@@ -24,39 +23,13 @@ from meshmark.ledger.marks import mark_of
 from meshmark.ledger.origins import Origin, origins
 from meshmark.ledger.store import Ledger, init
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.asset import Asset, as_asset
+from meshmark.mesh.asset import as_asset
 from meshmark.sources.reading import read
 from meshmark.testing.informed_schemes import horned
-from meshmark.testing.meshes import icosphere, torus
 from meshmark.testing.schemas import schema_folder
 
 KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))
 RELIEF = [Recipe("relief")]
-
-
-def rotation(seed: int) -> Any:
-    Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return Q
-
-
-def test_signatures_are_those_of_shapes() -> None:
-    V, F = rock(1)[0].points, rock(1)[0].faces
-    same = signature(7.0 * V @ rotation(1) + [3.0, 4.0, 5.0], F[::-1])
-    np.testing.assert_allclose(same, signature(V, F), atol=1e-9)
-    # All of a ball lies at one distance from its centre.
-    np.testing.assert_allclose(signature(*icosphere(4)), 1.0, atol=0.01)
-    assert not signature(np.zeros((3, 3)), np.array([[0, 1, 2]])).any()
-    finer, coarser = (torus(n, n // 2) for n in (96, 48))
-    assert np.abs(signature(*finer) - signature(*coarser)).mean() < 0.01
-
-
-def test_assets_are_like_themselves() -> None:
-    known = [signatures(as_asset(rock(seed))) for seed in range(12)]
-    smaller = as_asset(rock(3, level=3))
-    order = np.argsort([unlikeness(signatures(smaller), each) for each in known])
-    assert order[0] == 3
-    both = Asset("two", (rock(3), rock(5)), "memory")
-    assert unlikeness(known[3], signatures(both)) == 0.0
 
 
 def test_keys_are_those_of_a_folder(tmp_path: Path) -> None:
@@ -279,6 +252,7 @@ ATTACKS: dict[str, list[tuple[str, dict[str, Any]]]] = {
         ("simplification", {"ratio": 0.5}),
         ("similarity", {}),
     ],
+    "half of it, moved": [("cropping", {"share": 0.5}), ("similarity", {})],
 }
 
 
