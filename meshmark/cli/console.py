@@ -158,12 +158,19 @@ def _bars() -> Iterator[FrameProgress]:
 
 
 @contextmanager
-def batch_progress(stage: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show how many of many things are done, how fast, and what is left; call it for each.
+def batch_progress(
+    stage: str, total: int, *, printing: bool = False
+) -> Iterator[Callable[[], None]]:
+    """Show how many of many sources are done, how fast, and what is left; call it for each.
 
     Messages may be printed meanwhile: a bar stays below them.
+
+    Parameters
+    ----------
+    printing : bool
+        Whether stdout is printed to, too: on one terminal there is no bar then.
     """
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or (printing and sys.stdout.isatty()):
         with _lines() as heartbeat:
             done = 0
 

@@ -212,7 +212,7 @@ def verify(
             return
         for answer in known.values():
             tally.add(answer.verdict, answer.exit_code)
-        with closing(_outcomes(left, request, jobs, scheduler)) as outcomes:
+        with closing(_outcomes(left, request, jobs, scheduler, jsonl)) as outcomes:
             for outcome in outcomes:
                 if recorded:
                     _record(outcome, kept, jsonl)
@@ -246,7 +246,11 @@ def _record(outcome: Outcome, kept: AnswerFile | None, jsonl: bool) -> None:
 
 
 def _outcomes(
-    sources: Sequence[str], request: Request, jobs: int | None, scheduler: str | None
+    sources: Sequence[str],
+    request: Request,
+    jobs: int | None,
+    scheduler: str | None,
+    printing: bool,
 ) -> Generator[Outcome]:
     """Verify sources, each in a process of its own if there are several."""
     from meshmark.commands.batch import verify_many
@@ -255,7 +259,7 @@ def _outcomes(
 
     there = default_jobs() if jobs is None else jobs
     alone = jobs is None and os.environ.get(JOBS_VARIABLE) == "1"
-    if scheduler is None and (len(sources) < 2 or alone):
+    if not sources or (scheduler is None and (len(sources) == 1 or alone)):
         for source in sources:
             with frame_progress() as progress:
                 outcome = verify_file(source, replace(request, jobs=there), progress)
@@ -268,7 +272,8 @@ def _outcomes(
     else:
         n = min(there, len(sources))
         many = verify_many(sources, replace(request, jobs=there // n), n)
-    with batch_progress("verify", len(sources)) as advance, closing(many):
+    shown = batch_progress("verify", len(sources), printing=printing)
+    with shown as advance, closing(many):
         for outcome in many:
             yield outcome
             advance()

@@ -157,18 +157,12 @@ class _Content:
         """Tell whether it is what an answer was given for."""
         if any(self._hash(each["file"]) != each["sha256"] for each in answer.files):
             return False
-        # There may be more than there was: frames of a folder, or a file that was missing.
-        path = Path(self._source)
-        if answer.files and (path.is_file() or not path.exists()):
+        # There may be more than there was: other frames, or a file that was missing.
+        if answer.files and Path(self._source).is_file():
             return True
-        there = {
-            Path(os.path.relpath(file, self._folder)).as_posix() for file in self._files(answer)
-        }
-        return there == {each["file"] for each in answer.files}
-
-    def _files(self, answer: Answer) -> Iterator[Path]:
         named = files_named(self._source) if answer.exit_code else source_files(self._source)
-        yield from (path.resolve() for path in named if path.is_file())
+        there = {file.resolve() for file in named if file.is_file()}
+        return there == {(self._folder / each["file"]).resolve() for each in answer.files}
 
     def _hash(self, file: str) -> str | None:
         if file not in self._known:

@@ -23,6 +23,7 @@ from meshmark.files.temporary import ScratchFolder
 
 # Whoever asks nothing for so long may never again, and forget to say so.
 PATIENCE = 120.0  # seconds
+NO_MEMORY = 99  # exit code
 _LENGTH = struct.Struct("!Q")
 # So that a process that does nothing but wait is not given half a gigabyte of buffers.
 SPARING = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
@@ -74,35 +75,36 @@ class Apart:
         OutputError
             If there is no place for its temporary files.
         """
-        process = self._running()
+        is_new = self._process is None or self._process.poll() is not None
+        process = self._started() if is_new else self._process
+        assert process is not None
         assert process.stdin is not None
         assert process.stdout is not None
         try:
+            if is_new:
+                _put(process.stdin, self.function)
             _put(process.stdin, pickle.dumps(item))
             return pickle.loads(_get(process.stdout))
         except (OSError, EOFError):
             self.close()
             raise WorkerError(_death(process.returncode)) from None
 
-    def _running(self) -> subprocess.Popen[bytes]:
+    def _started(self) -> subprocess.Popen[bytes]:
+        """Start a process, in place of one that had nothing to do for long."""
+        self.close()
         with self._starting:
             if self._is_killed:
                 raise WorkerError("no process works any more")
-            if self._process is not None and self._process.poll() is not None:
-                # It had nothing to do for long.
-                self.close()
-            if self._process is None:
-                self._folder = ScratchFolder()
+            self._folder = ScratchFolder()
+            try:
                 self._process = subprocess.Popen(
                     [sys.executable, "-P", "-m", __name__],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     env=interpreter_environment({"TMPDIR": str(self._folder.path)}),
                 )
-                assert self._process.stdin is not None
-                # Whether it has died by now, who waits for its first answer finds out.
-                with suppress(OSError):
-                    _put(self._process.stdin, self.function)
+            except OSError as error:
+                raise WorkerError(f"no process can be started: {error.strerror}") from None
             return self._process
 
     def close(self) -> None:
@@ -128,6 +130,8 @@ class Apart:
 
 def _death(code: int | None) -> str:
     """Say how a process ended."""
+    if code == NO_MEMORY:
+        return "the process that works on it needs more memory than it may take"
     if code is None or code >= 0:
         return f"the process that works on it ended with {code}"
     if code == -getattr(signal, "SIGKILL", 0):
@@ -170,10 +174,14 @@ def main() -> None:
     said: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, said), daemon=True).start()
     function = pickle.loads(said.get())
-    with suppress(queue.Empty):
+    try:
         while True:
             item = pickle.loads(said.get(timeout=PATIENCE))
             _put(answers, pickle.dumps(function(item)))
+    except queue.Empty:
+        return
+    except MemoryError:
+        os._exit(NO_MEMORY)
 
 
 if __name__ == "__main__":

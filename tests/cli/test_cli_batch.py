@@ -180,7 +180,7 @@ def test_processes_answer_alike_and_outlive_one_that_dies(run, monkeypatch) -> N
     def dying(self: Apart, item: str) -> Any:
         if item not in died:
             died.append(item)
-            self._running().kill()
+            self._started().kill()
         return real(self, item)
 
     monkeypatch.setattr(Apart, "__call__", dying)

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import threading
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,36 @@ def test_the_time_is_that_of_what_is_tried_now(monkeypatch, capsys) -> None:
         "verify /A by apex: 2 of 4, 20 s",
         "verify /B by apex: 0 of 12, 0 s",
     ]
+
+
+class Terminal(StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_bar_below_messages_tells_how_fast_it_goes_and_what_is_left(monkeypatch, capsys) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    with console.batch_progress("verify", 3) as advance:
+        console.say("a.usd: marked")
+        print("data")
+        advance()
+        advance()
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.getvalue())
+    assert "a.usd: marked" in text
+    assert re.search(r"verify .* 2/3 [\d.]+ a minute [\d:]+", text)
+    assert capsys.readouterr().out == "data\n"
+
+
+def test_there_is_no_bar_among_printed_data(monkeypatch) -> None:
+    shown, printed = Terminal(), Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr(sys, "stdout", printed)
+    with console.batch_progress("verify", 3, printing=True) as advance:
+        advance()
+    assert not shown.getvalue() + printed.getvalue()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="terminals")

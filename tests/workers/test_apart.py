@@ -26,6 +26,8 @@ def test_it_answers_dies_and_answers_again() -> None:
             apart("__import__('os').kill(__import__('os').getpid(), 9)")
         with pytest.raises(WorkerError, match="ended with 7"):
             apart("__import__('os')._exit(7)")
+        with pytest.raises(WorkerError, match="needs more memory"):
+            apart("bytearray(1 << 62)")
         assert apart("__import__('os').getpid()") != pid
     # What they left behind is gone with them.
     assert not os.path.exists(where)  # noqa: PTH110
