@@ -1,6 +1,9 @@
 """How often a random key finds a mark: in every mesh and part of a source, as `verify` judges them.
 
     python benchmarks/false_positives.py marked.usdc unmarked.usdc --keys 100000 -o FOLDER
+    python benchmarks/false_positives.py --store FOLDER --keys 100000 -o FOLDER
+
+Of a store, all that `verify --store` kept there is tried, by the scheme that is asked for.
 
 Writes `false-positives.png`, the share of keys whose p is at most a against a, and prints the
 table that goes with it. A p-value is valid if no curve lies above the diagonal.
@@ -10,7 +13,9 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +24,11 @@ import meshmark
 from meshmark.arrays import FloatArray
 from meshmark.detection.decision import pooled, shares
 from meshmark.detection.evidence import Evidence
+from meshmark.detection.evidence_store import EvidenceStore, rows
 from meshmark.detection.gathering import gather
 from meshmark.detection.significance import log10_p_of
 from meshmark.extension.recipe import Recipe
-from meshmark.keys import Key
+from meshmark.keys import Key, words_of_keys
 from meshmark.workers.ordered_map import default_jobs, ordered_map
 
 AT_ONCE = 500
@@ -38,7 +44,8 @@ class TryKeys:
     def __call__(self, block: int) -> FloatArray:
         numbers = range(block * AT_ONCE, (block + 1) * AT_ONCE)
         keys = [Key(hashlib.sha256(f"false positives {n}".encode()).digest()) for n in numbers]
-        words = np.array([self.items[0].words(key, None) for key in keys])
+        first = self.items[0]
+        words = words_of_keys(keys, first.scheme, range(first.n_words), first.n_chips)[:, 0]
         paid = [
             log10_p_of(item, words) - share
             for item, share in zip(self.items, shares(self.items), strict=True)
@@ -47,18 +54,30 @@ class TryKeys:
         return np.minimum(0.0, np.min(paid, axis=0))
 
 
-def try_keys(source: str, options: argparse.Namespace) -> tuple[int, FloatArray]:
-    """Return of how many parts a source is, and log10 p of many keys on them all."""
-    found = gather(
+def measured(source: str, options: argparse.Namespace) -> tuple[Evidence, ...]:
+    """Measure a source."""
+    return gather(
         meshmark.read(source),
         recipes=[Recipe(options.scheme)],
         frames=options.frames,
         restored=not options.plain,
         jobs=default_jobs(),
-    )
-    blocks = range(-(-options.keys // AT_ONCE))
-    log10_p = list(ordered_map(TryKeys(found.items), blocks, jobs=default_jobs()))
-    return len(found.items), np.concatenate(log10_p)[: options.keys]
+    ).items
+
+
+def stored(folder: Path, scheme: str) -> Iterator[tuple[str, tuple[Evidence, ...]]]:
+    """Read what a store holds by a scheme."""
+    for path in EvidenceStore(folder).paths():
+        for row in rows(path):
+            found = row.load()
+            yield found.path, tuple(item for item in found.items if item.scheme == scheme)
+
+
+def try_keys(items: tuple[Evidence, ...], n_keys: int) -> FloatArray:
+    """Return log10 p of many keys on all parts of a source."""
+    blocks = range(-(-n_keys // AT_ONCE))
+    log10_p = list(ordered_map(TryKeys(items), blocks, jobs=default_jobs()))
+    return np.concatenate(log10_p)[:n_keys]
 
 
 def draw(results: dict[str, FloatArray], path: Path) -> None:
@@ -83,7 +102,8 @@ def draw(results: dict[str, FloatArray], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("sources", nargs="+")
+    parser.add_argument("sources", nargs="*")
+    parser.add_argument("--store", type=Path, help="what `verify --store` kept")
     parser.add_argument("--keys", type=int, default=100_000)
     parser.add_argument("--scheme", default="apex")
     parser.add_argument("--frames", default=":", help="range A:B[:S] of time codes")
@@ -94,10 +114,14 @@ def main() -> None:
     heads = " | ".join(f"p <= 1e{level:g}" for level in LEVELS)
     print(f"| source | parts | {heads} | lowest log10 p |")
     print("| --- |" + " --- |" * (len(LEVELS) + 2))
-    for source in options.sources:
-        parts, log10_p = try_keys(source, options)
+    found = ((source, measured(source, options)) for source in options.sources)
+    kept = () if options.store is None else stored(options.store, options.scheme)
+    for source, items in chain(found, kept):
+        log10_p = try_keys(items, options.keys)
         counts = " | ".join(str(int(np.count_nonzero(log10_p <= level))) for level in LEVELS)
-        print(f"| {Path(source).stem} | {parts} | {counts} | {log10_p.min():.2f} |", flush=True)
+        print(
+            f"| {Path(source).stem} | {len(items)} | {counts} | {log10_p.min():.2f} |", flush=True
+        )
         results[Path(source).stem] = log10_p
     draw(results, options.output / "false-positives.png")
 

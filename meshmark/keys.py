@@ -8,7 +8,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -117,7 +117,7 @@ class Key:
 
     def _derive_numbered(
         self, labels: Iterable[bytes], ends: Sequence[bytes], n_bytes: int
-    ) -> Iterator[bytes]:
+    ) -> list[bytes]:
         """Derive at least `n_bytes` under each of many labels with each of the ends behind it.
 
         Up to 32 bytes are the first block of HKDF, HMAC(key, label 1), and HMAC is a hash of a
@@ -125,12 +125,11 @@ class Key:
         once.
         """
         if n_bytes > _BLOCK:
-            for label in labels:
-                yield from (self._expanded(label + end, n_bytes) for end in ends)
-            return
+            return [self._expanded(label + end, n_bytes) for label in labels for end in ends]
         key = self._extracted.ljust(hashlib.sha256().block_size, b"\0")
         inner, outer = hashlib.sha256(key.translate(_INNER)), hashlib.sha256(key.translate(_OUTER))
         last = [end + b"\x01" for end in ends]
+        derived = []
         for label in labels:
             begun = inner.copy()
             begun.update(label)
@@ -138,7 +137,8 @@ class Key:
                 inside, outside = begun.copy(), outer.copy()
                 inside.update(end)
                 outside.update(inside.digest())
-                yield outside.digest()
+                derived.append(outside.digest())
+        return derived
 
     def generator(self, label: str) -> np.random.Generator:
         """Seed a numpy generator by the key, for choices that detection need not repeat."""
@@ -203,9 +203,7 @@ def words_of_keys(
     n_bytes = -(-n_chips // 8)
     ends = [b"%d" % m for m in numbers]
     labels = [f"{_CONTEXT}word/{scheme}/{_whose(name)}/".encode() for name in recipients]
-    derived = b"".join(
-        block for key in keys for block in key._derive_numbered(labels, ends, n_bytes)
-    )
+    derived = b"".join(b"".join(key._derive_numbered(labels, ends, n_bytes)) for key in keys)
     shape = (len(keys), len(recipients), len(ends), max(n_bytes, _BLOCK))
     octets = np.frombuffer(derived, np.uint8).reshape(shape)[..., :n_bytes]
     return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1

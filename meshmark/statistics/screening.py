@@ -19,7 +19,7 @@ from meshmark.statistics.e_values import N_TOP_TERMS, TILTS, log_cosh
 from meshmark.statistics.word_windows import SHIFT_PRIOR, WINDOW_SIZE, WordPosterior
 
 # Tilts from this on share a line; each below has its own.
-STEEP = 4.0
+STEEP = 8.0
 # Keys whose scores are computed at once: they then fit into a processor's cache.
 AT_ONCE = 256
 # So many are judged exactly whatever their bounds are: those with the highest ones.
@@ -201,8 +201,8 @@ def _lines(S: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield slopes and zeros, (R, C), of lines above the log e-value of each tilt."""
     for tilt in TILTS[TILTS < STEEP]:
         yield np.full(S.shape[:2], tilt), log_cosh(tilt * S).sum(axis=-1) / tilt
-    zero = log_cosh(STEEP * S).sum(axis=-1) / STEEP
-    # No word is worth more than 2 for each chip, at whatever tilt.
-    most = np.log(2.0) * np.count_nonzero(S, axis=-1)
-    room = np.abs(S).sum(axis=-1) - zero
+    zero, size = log_cosh(STEEP * S).sum(axis=-1) / STEEP, np.abs(S).sum(axis=-1)
+    # The right word is worth most at the largest tilt.
+    most = TILTS[-1] * size - log_cosh(TILTS[-1] * S).sum(axis=-1)
+    room = size - zero
     yield np.divide(most, room, out=np.zeros_like(most), where=room > 0.0), zero
