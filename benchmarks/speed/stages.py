@@ -19,11 +19,18 @@ from meshmark.mesh.animation import MeshAnimation
 APEX = "meshmark_plugins.schemes.apex"
 # Where a function is looked up, and the stage its own time counts for: what it calls counts for
 # the stages of what is called.
+DISTANCES = (
+    (f"{APEX}.anchors.proxies", "build_proxy", "proxies"),
+    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.proxy_distances", "EvenMeshDistances.from_point", "distances: solves"),
+    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.to_proxy", "distances: near anchors"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
+)
 EMBED_STAGES = (
     (f"{APEX}.marking.plan", "require_capacity", "finding lasting anchors"),
     (f"{APEX}.marking.plan", "anchors_in_poses", "finding anchors in poses"),
-    (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
-    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
+    *DISTANCES,
     (
         f"{APEX}.marking.pose_constraints",
         "PoseConstraints.__call__",
@@ -35,19 +42,15 @@ EMBED_STAGES = (
     (f"{APEX}.marking.keyframe_solver", "energy_over_poses", "energies"),
     ("meshmark.mesh.deformation", "Deformation.gradients", "deformation gradients"),
     (f"{APEX}.marking.displacement_transfer", "allowed_shares", "holding faces back"),
+    (f"{APEX}.marking.proxy_constraints", "allowed_shares", "holding faces back"),
     (f"{APEX}.marking.plan", "restrain", "holding faces back"),
     (f"{APEX}.marking.plan", "fit_to_surface", "fitting to surfaces"),
     (f"{APEX}.marking.plan", "surface_distance", "keeping to the limit"),
 )
 LOOK_STAGES = (
-    (f"{APEX}.anchors.proxies", "build_proxy", "proxies"),
-    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.__init__", "distances: factors"),
-    (f"{APEX}.anchors.proxy_distances", "EvenMeshDistances.from_point", "distances: solves"),
-    (f"{APEX}.anchors.proxy_distances", "ProxyDistances.to_proxy", "distances: near anchors"),
+    *DISTANCES,
     ("meshmark.detection.observer", "unsmooth", "undoing smoothing"),
     (f"{APEX}.anchors.detect", "large_components", "components"),
-    (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
-    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
     (f"{APEX}.anchors.detect", "surface_anchors", "anchors"),
     (f"{APEX}.scheme", "whitening_weights", "whitening"),
     (f"{APEX}.scheme", "radial_histograms", "histograms"),

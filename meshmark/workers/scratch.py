@@ -36,7 +36,7 @@ class DisplacedFrames:
 
 @dataclass(frozen=True)
 class ScratchFile:
-    """A temporary file of T arrays (N, 3), float64 outside.
+    """A temporary file of T arrays (N, 3), or (N, width), float64 outside.
 
     A displacement is a small correction: in float32 it is exact to a ten-millionth of itself,
     far below the rounding of the float32 positions it ends up in.
@@ -49,15 +49,20 @@ class ScratchFile:
         N.
     dtype : str
         Type on disk: float32, or float64 for what more is computed with.
+    width : int
+        Numbers for each point.
     """
 
     path: Path
     n_points: int
     dtype: str = SINGLE
+    width: int = 3
     _folder: ScratchFolder | None = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def create(cls, n_frames: int, n_points: int, dtype: str = SINGLE) -> ScratchFile:
+    def create(
+        cls, n_frames: int, n_points: int, dtype: str = SINGLE, width: int = 3
+    ) -> ScratchFile:
         """Make a file of zeros, deleted when the returned object (not its copies) goes away.
 
         Parameters
@@ -66,6 +71,8 @@ class ScratchFile:
             T and N.
         dtype : str
             `SINGLE` or `DOUBLE`.
+        width : int
+            Numbers for each point.
 
         Raises
         ------
@@ -73,7 +80,7 @@ class ScratchFile:
             If there is no room for it: better now than after hours of work.
         """
         folder = ScratchFolder()
-        scratch = cls(folder.path / "displacements", n_points, dtype, folder)
+        scratch = cls(folder.path / "displacements", n_points, dtype, width, folder)
         try:
             with scratch.path.open("xb") as file:
                 _reserve(file.fileno(), n_frames * scratch._stride)
@@ -82,25 +89,24 @@ class ScratchFile:
         return scratch
 
     def write(self, index: int, displacement: FloatArray) -> None:
-        """Store the displacement of frame `index`, (N, 3)."""
+        """Store the displacement of frame `index`, (N, width)."""
         data = np.ascontiguousarray(displacement, dtype=self.dtype)
         with self.path.open("r+b") as file:
             file.seek(index * self._stride)
             file.write(data.tobytes())
 
     def read(self, index: int) -> FloatArray:
-        """Read the displacement of frame `index`, (N, 3) float64."""
-        data = np.fromfile(
-            self.path, dtype=self.dtype, count=3 * self.n_points, offset=index * self._stride
-        )
-        return data.reshape(-1, 3).astype(np.float64)
+        """Read the displacement of frame `index`, (N, width) float64."""
+        count = self.width * self.n_points
+        data = np.fromfile(self.path, dtype=self.dtype, count=count, offset=index * self._stride)
+        return data.reshape(-1, self.width).astype(np.float64)
 
     @property
     def _stride(self) -> int:
-        return 3 * np.dtype(self.dtype).itemsize * self.n_points
+        return self.width * np.dtype(self.dtype).itemsize * self.n_points
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (ScratchFile, (self.path, self.n_points, self.dtype))
+        return (ScratchFile, (self.path, self.n_points, self.dtype, self.width))
 
 
 def _reserve(handle: int, size: int) -> None:

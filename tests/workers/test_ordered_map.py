@@ -195,6 +195,15 @@ def test_what_more_is_computed_with_keeps_its_float64_values() -> None:
         assert not seen.read(0).any()
 
 
+def test_one_number_a_point_is_kept_as_well() -> None:
+    shares = np.array([[0.5], [1.0], [0.0]])
+    scratch = ScratchFile.create(2, 3, width=1)
+    scratch.write(1, shares)
+    for seen in (scratch, pickle.loads(pickle.dumps(scratch))):
+        np.testing.assert_array_equal(seen.read(1), shares)
+        assert not seen.read(0).any()
+
+
 def test_frames_never_written_are_not_displaced() -> None:
     scratch = ScratchFile.create(5, 7)
     scratch.write(1, np.ones((7, 3)))

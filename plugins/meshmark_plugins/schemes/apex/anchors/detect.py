@@ -17,7 +17,11 @@ from meshmark_plugins.schemes.apex.anchors.components import (
     large_components,
     shared_root_areas,
 )
-from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, measure_field
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import (
+    GeodesicField,
+    distances_on,
+    measure_field,
+)
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.integral_distance import integral_distance
 from meshmark_plugins.schemes.apex.anchors.persistence import Maxima, persistent_maxima
@@ -96,11 +100,7 @@ def detect_anchors(
     found: list[ComponentAnchors] = []
     for component, root_area in zip(components, root_areas, strict=True):
         points = V[component.vertices]
-        geodesics = (
-            GeodesicDistances(points, component.faces)
-            if proxies is None
-            else proxies.distances(points, component)
-        )
+        geodesics = distances_on(points, component, proxies)
         maxima = surface_anchors(points, component.faces, geodesics, min_persistence, max_anchors)
         if maxima.vertices.size:
             lengths = (root_area, root_areas[0])

@@ -16,6 +16,7 @@ from meshmark_plugins.schemes.apex.anchors.components import (
     shared_root_areas,
 )
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Radius of the geodesic disc about an anchor, in root areas.
@@ -104,7 +105,11 @@ class GeodesicField:
 
 
 def geodesic_fields(
-    V: FloatArray, F: IntArray, anchors: IntArray, label: IntArray | None = None
+    V: FloatArray,
+    F: IntArray,
+    anchors: IntArray,
+    label: IntArray | None = None,
+    proxies: Proxies | None = None,
 ) -> list[GeodesicField]:
     """Measure distances from anchors that are known already, component by component.
 
@@ -118,6 +123,8 @@ def geodesic_fields(
         Vertices.
     label : (F,) int, optional
         Edge-connected component of each triangle, where it is known.
+    proxies : Proxies, optional
+        To measure fine components on; by default all are measured as they are.
 
     Raises
     ------
@@ -138,7 +145,7 @@ def geodesic_fields(
                     component,
                     points,
                     (root_area, root_areas[0]),
-                    GeodesicDistances(points, component.faces),
+                    distances_on(points, component, proxies),
                     own,
                     np.zeros(len(own)),
                 )
@@ -147,6 +154,15 @@ def geodesic_fields(
     if left:
         raise CapacityError("an anchor lies in a piece that is too small in some frame")
     return fields
+
+
+def distances_on(
+    V: FloatArray, component: Component, proxies: Proxies | None
+) -> GeodesicDistances | ProxyDistances:
+    """Choose how to measure distances on a component whose vertices are at V (n, 3)."""
+    if proxies is None:
+        return GeodesicDistances(V, component.faces)
+    return proxies.distances(V, component)
 
 
 def measure_field(

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.proxy import Proxy, build_proxy
-from meshmark_plugins.schemes.apex.anchors.components import Component
+from meshmark_plugins.schemes.apex.anchors.components import Component, large_components
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
 from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Components of more vertices are measured on proxies of about so many.
 MOST_VERTICES, PROXY_VERTICES = 32_000, 12_000
+# Where displacements are solved for, too, it takes more: they change within a bin.
+MARKING_PROXY_VERTICES = 16_000
 
 
 class Proxies:
@@ -22,10 +24,12 @@ class Proxies:
     ----------
     V : (N, 3) float64
         The pose they are built in.
+    n_vertices : int, optional
+        About how many vertices each has; `PROXY_VERTICES` by default.
     """
 
-    def __init__(self, V: FloatArray) -> None:
-        self._V = V
+    def __init__(self, V: FloatArray, n_vertices: int | None = None) -> None:
+        self._V, self._n_vertices = V, n_vertices or PROXY_VERTICES
         self._built: dict[tuple[int, ...], Proxy | None] = {}
 
     def distances(self, V: FloatArray, component: Component) -> GeodesicDistances | ProxyDistances:
@@ -42,8 +46,16 @@ class Proxies:
         triangle = tuple(component.vertices[component.faces[0]].tolist())
         if triangle not in self._built:
             points = self._V[component.vertices]
-            self._built[triangle] = build_proxy(points, component.faces, PROXY_VERTICES)
+            self._built[triangle] = build_proxy(points, component.faces, self._n_vertices)
         return self._built[triangle]
+
+
+def marking_proxies(V: FloatArray, F: IntArray) -> Proxies:
+    """Build the proxies that a mesh is marked by, so that worker processes need not do so."""
+    proxies = Proxies(V, MARKING_PROXY_VERTICES)
+    for component in large_components(V, F):
+        proxies.of(component)
+    return proxies
 
 
 @lru_cache(maxsize=4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -14,13 +15,13 @@ from meshmark.errors import CapacityError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
-from meshmark.mesh.topology import Topology
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
 from meshmark_plugins.schemes.apex.anchors.persistence import (
     MIN_PERSISTENCE_DETECTED,
     MIN_PERSISTENCE_MARKED,
 )
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies, marking_proxies
 
 # Most anchors that are tracked, and frames in which they are.
 MAX_TRACKED_ANCHORS, TRACKED_FRAMES = 12, 12
@@ -50,10 +51,16 @@ class FrameAnchors:
         self.animation, self.jobs = animation, jobs
         self._detected: dict[int, tuple[IntArray, FloatArray]] = {}
 
+    @cached_property
+    def proxies(self) -> Proxies:
+        """The proxies of the topology."""
+        first = self.animation[0]
+        return marking_proxies(first.points, first.faces)
+
     def of(self, frames: Sequence[int]) -> list[tuple[IntArray, FloatArray]]:
         """Return vertices and persistence of the anchors of some frames, maybe none."""
         new = [t for t in frames if t not in self._detected]
-        found = ordered_map(DetectInFrame(self.animation), new, jobs=self.jobs)
+        found = ordered_map(DetectInFrame(self.animation, self.proxies), new, jobs=self.jobs)
         self._detected.update(zip(new, found, strict=True))
         return [self._detected[t] for t in frames]
 
@@ -63,17 +70,20 @@ class DetectInFrame:
     """Detects the anchors of frame after frame; picklable, for worker processes."""
 
     animation: MeshAnimation
+    proxies: Proxies
 
     def __call__(self, index: int) -> tuple[IntArray, FloatArray]:
         """Return vertices and persistence of the anchors of frame `index`, maybe none."""
         frame = self.animation[index]
-        return anchors_if_any(frame.points, frame.faces)
+        return anchors_if_any(frame.points, frame.faces, self.proxies)
 
 
-def anchors_if_any(V: FloatArray, F: IntArray) -> tuple[IntArray, FloatArray]:
+def anchors_if_any(
+    V: FloatArray, F: IntArray, proxies: Proxies | None = None
+) -> tuple[IntArray, FloatArray]:
     """Detect the anchors of one mesh, vertices and persistence; none is no error here."""
     try:
-        found = detect_anchors(V, F, MIN_PERSISTENCE_DETECTED, MAX_TRACKED_ANCHORS)
+        found = detect_anchors(V, F, MIN_PERSISTENCE_DETECTED, MAX_TRACKED_ANCHORS, proxies)
     except CapacityError:
         return np.empty(0, dtype=np.int64), np.empty(0)
     vertices = np.concatenate([each.component.vertices[each.maxima.vertices] for each in found])
@@ -122,7 +132,7 @@ def lasting_anchors(frame_anchors: FrameAnchors, max_anchors: int) -> IntArray:
         )
     kept = vertices[lasting & clear]
     order = np.argsort(-persistence[lasting & clear], kind="stable")
-    return _survivors(first.topology, V, F, kept[order], near)[:max_anchors]
+    return _survivors(frame_anchors, kept[order], near)[:max_anchors]
 
 
 def anchors_in_poses(
@@ -193,12 +203,12 @@ def _medoid(V: FloatArray, vertices: list[int]) -> int:
     return vertices[int(np.argmin(gaps))]
 
 
-def _survivors(
-    topology: Topology, V: FloatArray, F: IntArray, anchors: IntArray, near: float
-) -> IntArray:
+def _survivors(frame_anchors: FrameAnchors, anchors: IntArray, near: float) -> IntArray:
     """Keep the anchors that are detected again after smoothing; all if none is."""
-    smoothed = smooth(V, polygon_umbrella(topology), TRIAL_SMOOTHING_ITERATIONS)
-    again, _ = anchors_if_any(smoothed, F)
+    first = frame_anchors.animation[0]
+    V = first.points
+    smoothed = smooth(V, polygon_umbrella(first.topology), TRIAL_SMOOTHING_ITERATIONS)
+    again, _ = anchors_if_any(smoothed, first.faces, frame_anchors.proxies)
     if not again.size:
         return anchors
     gaps = np.linalg.norm(V[anchors][:, None] - V[again][None], axis=2).min(axis=1)

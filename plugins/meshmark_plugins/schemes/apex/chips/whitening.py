@@ -11,7 +11,6 @@ from meshmark.mesh.laplacian import (
     cotangent_weights,
     stiffness_matrix,
 )
-from meshmark.mesh.proxy import symmetric_factor
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
@@ -28,10 +27,7 @@ def whitening_weights(field: GeodesicField, width: float) -> FloatArray:
     if field.on_proxy is None:
         return inverse_density(V, F, field.length_scale, length)
     P = field.on_proxy.proxy.prolongation
-    masses = P.T @ np.ones(len(field.V))
-    return _inverse(
-        P @ symmetric_factor(_diffusion(V, F, field.length_scale, length)).solve(masses)
-    )
+    return inverse_density_on_proxy(V, F, field.length_scale, length, P)
 
 
 def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float) -> FloatArray:
@@ -54,19 +50,30 @@ def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float)
         1 / y, where (M + length^2 L) y = 1 with lumped areas M and the cotangent Laplacian L:
         unit mass at every vertex, diffused over the surface. Sums to about 1.
     """
-    A, n = _diffusion(V, F, root_area, length), len(V)
-    y = conjugate_gradients(
-        A, np.ones(n), np.full(n, float(n)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
-    )
-    return _inverse(y)
+    return _inverse(_density(V, F, root_area, length, np.ones(len(V))))
 
 
-def _diffusion(V: FloatArray, F: IntArray, root_area: float, length: float) -> csr_matrix:
-    """M + length^2 L, whose inverse spreads masses over a surface."""
+def inverse_density_on_proxy(
+    V: FloatArray, F: IntArray, root_area: float, length: float, prolongation: csr_matrix
+) -> FloatArray:
+    """Weights of the vertices of a mesh (N,), as of `inverse_density`, by a proxy V, F of it.
+
+    Their masses are spread on the proxy; `prolongation` (N, n) tells where they lie on it.
+    """
+    masses = prolongation.T @ np.ones(prolongation.shape[0])
+    return _inverse(prolongation @ _density(V, F, root_area, length, masses))
+
+
+def _density(
+    V: FloatArray, F: IntArray, root_area: float, length: float, masses: FloatArray
+) -> FloatArray:
+    """Density of masses at vertices, spread over a surface: (M + length^2 L)^-1 m, (N,)."""
     areas = vertex_areas(V, F) / root_area**2
     areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
     L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
-    return csr_matrix(diags_array(areas) + length**2 * L)
+    A = csr_matrix(diags_array(areas) + length**2 * L)
+    start = np.full(len(V), masses.sum())
+    return conjugate_gradients(A, masses, start, 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)
 
 
 def _inverse(density: FloatArray) -> FloatArray:

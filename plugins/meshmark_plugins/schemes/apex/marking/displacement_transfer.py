@@ -12,6 +12,7 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.proxy import Proxy
 from meshmark.mesh.topology import face_components
 from meshmark.mesh.triangle_search import search_order
 
@@ -26,10 +27,13 @@ class DisplacementTransfer:
         Positions of the reference frame.
     F : (F, 3) int
         Triangles of all frames.
+    proxy : Proxy, optional
+        What displacements are given on; by default, the mesh itself.
     """
 
     V: FloatArray
     F: IntArray
+    proxy: Proxy | None = None
 
     @cached_property
     def root_area(self) -> float:
@@ -42,9 +46,18 @@ class DisplacementTransfer:
         return face_components(self.F)
 
     @cached_property
+    def surface(self) -> tuple[FloatArray, IntArray]:
+        """Positions in the reference frame (n, 3), and triangles, of what is displaced."""
+        return self.positions(self.V), self.F if self.proxy is None else self.proxy.faces
+
+    @cached_property
     def deformation(self) -> Deformation:
-        """How the surface turns and stretches from the reference to other frames."""
-        return Deformation(self.V, self.F)
+        """How what is displaced turns and stretches from the reference to other frames."""
+        return Deformation(*self.surface)
+
+    def positions(self, P: FloatArray) -> FloatArray:
+        """Positions of what is displaced, (n, 3), in a frame whose vertices are at P (N, 3)."""
+        return P if self.proxy is None else self.proxy.fit(P)
 
     @cached_property
     def _order(self) -> IntArray | None:
@@ -55,18 +68,24 @@ class DisplacementTransfer:
         return ClosestPoints(P, self.F, self._order)
 
     def apply(
-        self, P: FloatArray, d: FloatArray, original: ClosestPoints
+        self,
+        P: FloatArray,
+        d: FloatArray,
+        original: ClosestPoints,
+        shares: FloatArray | float = 1.0,
     ) -> tuple[FloatArray, FloatArray]:
-        """Apply a displacement (3 N,) to another frame, and lay it on that frame's surface.
+        """Apply a displacement (3 n,) to another frame, and lay it on that frame's surface.
 
         Parameters
         ----------
         P : (N, 3) float64
             Positions of the frame.
-        d : (3 N,) float64
+        d : (3 n,) float64
             The displacement, in root areas of the reference frame.
         original : ClosestPoints
             The frame's surface.
+        shares : (N,) float64, optional
+            How much of its move is left to each vertex from the start.
 
         Returns
         -------
@@ -75,7 +94,13 @@ class DisplacementTransfer:
         share : (N,) float64
             How much of its move that left each vertex.
         """
-        moves = self.root_area * self.deformation.carry(d.reshape(-1, 3), P)
-        wanted = original.points(P + moves)
+        wanted = original.points(P + self.moves(P, d, shares))
         share = allowed_shares(P, wanted, self.F, np.inf)
         return P + share[:, None] * (wanted - P), share
+
+    def moves(self, P: FloatArray, d: FloatArray, shares: FloatArray | float = 1.0) -> FloatArray:
+        """Carry a displacement to another frame: moves of its vertices, (N, 3); see `apply`."""
+        moves = self.root_area * self.deformation.carry(d.reshape(-1, 3), self.positions(P))
+        if self.proxy is None:
+            return moves
+        return np.reshape(shares, (-1, 1)) * (self.proxy.prolongation @ moves)

@@ -21,7 +21,6 @@ from meshmark_plugins.schemes.apex.marking.energy import (
 from meshmark_plugins.schemes.apex.marking.fold_smoother import FoldSmoother
 from meshmark_plugins.schemes.apex.marking.pose_constraints import (
     PoseConstraints,
-    PoseFields,
     PoseTask,
 )
 from meshmark_plugins.schemes.apex.marking.solve_displacement import (
@@ -55,36 +54,49 @@ class KeyframeSolver:
         Of the reference frame, about every vertex at which an anchor is detected.
     workers : Workers
         Which do the measuring.
-    cache : dict of (LinearConstraints, PoseFields)
+    cache : dict of (LinearConstraints, object)
         Constraints of the poses of the last keyframe, and their distances, by frame.
     """
 
     constraints: PoseConstraints
     guards: list[GeodesicField]
     workers: PoseWorkers
-    cache: dict[int, tuple[LinearConstraints, PoseFields]] = field(default_factory=dict)
+    cache: dict[int, tuple[LinearConstraints, Any]] = field(default_factory=dict)
 
-    def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
-        """Find the displacement that serves some poses best, (3 N,), starting from another."""
+    def solve(
+        self, poses: list[int], d: FloatArray, rounds: int
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Find the displacement that serves some poses best, starting from another.
+
+        Returns
+        -------
+        d : (3 n,) float64
+            The displacement.
+        shares : (N,) float64 or None
+            How much of it all poses leave to each vertex of the mesh; None where it is the mesh
+            that is displaced, and no more of it is given.
+        """
         transfer, width = self.constraints.transfer, self.constraints.parameters.width
-        points = [self.constraints.animation[t].points for t in poses]
+        V, F = transfer.surface
+        points = [transfer.positions(self.constraints.animation[t].points) for t in poses]
         carried = [(P, transfer.deformation.gradients(P)) for P in points]
-        energy = self._guarded(energy_over_poses(carried, transfer.V, transfer.F, width), poses)
+        energy = self._guarded(energy_over_poses(carried, V, F, width), poses)
         some_poses = carried[:: max(1, (len(poses) - 1) // 2)]
-        smoother = FoldSmoother(transfer.F, transfer.root_area, some_poses)
+        smoother = FoldSmoother(F, transfer.root_area, some_poses)
         # The last keyframe's constraints are as good as new: its displacement followed from them.
         self.cache = {t: self.cache[t] for t in poses if t in self.cache}
         self._measure([t for t in poses if t not in self.cache], d)
         for turn in range(rounds):
             if turn > 0:
-                self._measure(poses, d, anew=turn % ROUNDS_PER_MEASUREMENT == 0)
+                lost = not self.constraints.distances_last and turn % ROUNDS_PER_MEASUREMENT == 0
+                self._measure(poses, d, anew=lost)
             constraints = [self.cache[t][0] for t in poses]
             found = solve_displacement(constraints, energy, MOVE_REACH * width, d)
             d = smoother.smooth_folds(d + (RELAXATION if d.any() else 1.0) * (found - d))
         # What one pose would have to hold back is held back in all: a move that comes and goes
         # is seen, one that is shorter is not.
-        shares = list(self.workers.map([("shares", t, d, None) for t in poses]))
-        return d * np.repeat(np.min(shares, axis=0), 3)
+        shares = np.min(list(self.workers.map([("shares", t, d, None) for t in poses])), axis=0)
+        return (d * np.repeat(shares, 3), None) if transfer.proxy is None else (d, shares)
 
     def _measure(self, poses: list[int], d: FloatArray, anew: bool = True) -> None:
         """Measure a displacement in poses, with distances measured anew or carried over."""
@@ -108,8 +120,8 @@ def solve_keyframes(
     workers: PoseWorkers,
     poses: list[list[int]],
     jobs: int,
-) -> ScratchFile:
-    """Find the displacements of all keyframes, J arrays (N, 3), from the middle one outwards.
+) -> tuple[ScratchFile, ScratchFile | None]:
+    """Find the displacements of all keyframes, from the middle one outwards.
 
     The keyframes before it and those after it do not wait for each other: while one displacement
     is solved for here, workers measure poses for the other way.
@@ -122,14 +134,28 @@ def solve_keyframes(
         Frames that each keyframe must serve.
     jobs : int
         1 to go the two ways one after the other.
+
+    Returns
+    -------
+    displacements, shares : ScratchFile
+        What `KeyframeSolver.solve` finds for each keyframe: J arrays (n, 3) and, for a proxy,
+        J arrays (N, 1).
     """
     start = len(poses) // 2
     first = KeyframeSolver(constraints, guards, workers)
-    solved = ScratchFile.create(len(poses), len(constraints.transfer.V), DOUBLE)
-    at_rest = np.zeros(constraints.transfer.V.size)
-    middle = first.solve(poses[start], at_rest, FIRST_KEYFRAME_ROUNDS)
-    solved.write(start, middle)
+    transfer = constraints.transfer
+    V, _ = transfer.surface
+    displacements, shares = ScratchFile.create(len(poses), len(V), DOUBLE), None
+    if transfer.proxy is not None:
+        shares = ScratchFile.create(len(poses), len(transfer.V), width=1)
 
+    def keep(j: int, d: FloatArray, left: FloatArray | None) -> FloatArray:
+        displacements.write(j, d)
+        if shares is not None and left is not None:
+            shares.write(j, left)
+        return d
+
+    middle = keep(start, *first.solve(poses[start], np.zeros(V.size), FIRST_KEYFRAME_ROUNDS))
     stopped = Event()
 
     def go(way: range) -> None:
@@ -137,8 +163,7 @@ def solve_keyframes(
         for j in way:
             if stopped.is_set():
                 return
-            d = solver.solve(poses[j], d, LATER_KEYFRAME_ROUNDS)
-            solved.write(j, d)
+            d = keep(j, *solver.solve(poses[j], d, LATER_KEYFRAME_ROUNDS))
 
     ways = (range(start + 1, len(poses)), range(start - 1, -1, -1))
     with ThreadPoolExecutor(min(jobs, len(ways))) as threads:
@@ -149,4 +174,4 @@ def solve_keyframes(
             # Nobody wants the rest of the other way any more.
             stopped.set()
             raise
-    return solved
+    return displacements, shares

@@ -10,6 +10,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, geodesic_fields
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import cells_needed
 from meshmark_plugins.schemes.apex.chips.soft_chips import MIN_VERTEX_COUNT, measure_chips
@@ -45,18 +46,26 @@ class MarkedAnchors:
     words: IntArray
 
     def fields(
-        self, V: FloatArray, F: IntArray, label: IntArray | None = None
+        self,
+        V: FloatArray,
+        F: IntArray,
+        label: IntArray | None = None,
+        proxies: Proxies | None = None,
     ) -> list[tuple[IntArray, GeodesicField]]:
         """Measure distances in root areas, by component; with which of the anchors each has.
 
         Parameters are those of `geodesic_fields`.
         """
-        fields = geodesic_fields(V, F, self.vertices, label)
+        fields = geodesic_fields(V, F, self.vertices, label, proxies)
         return [(_rows(self.vertices, field.anchors), field) for field in fields]
 
 
 def assign_units_and_words(
-    animation: MeshAnimation, vertices: IntArray, parameters: Parameters, jobs: int
+    animation: MeshAnimation,
+    vertices: IntArray,
+    parameters: Parameters,
+    jobs: int,
+    proxies: Proxies | None = None,
 ) -> MarkedAnchors:
     """Choose the unit and the word of each anchor (C,), in `jobs` worker processes.
 
@@ -66,13 +75,13 @@ def assign_units_and_words(
         If distances cannot be measured.
     """
     first = animation[0]
-    fields = geodesic_fields(first.points, first.faces, vertices)
+    fields = geodesic_fields(first.points, first.faces, vertices, proxies=proxies)
     residue = np.array([nearest_residue(fields[0].reference_root_area)])
     units = np.empty(len(vertices))
     for field in fields:
         units[_rows(vertices, field.anchors)] = relative_units(field.length_scale, residue)
     chosen = np.linspace(0, len(animation) - 1, min(WORD_FRAMES, len(animation))).round()
-    find = _FindPositions(animation, vertices, units, parameters)
+    find = _FindPositions(animation, vertices, units, parameters, proxies)
     positions = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))
     return MarkedAnchors(vertices, units, choose_words(np.median(positions, axis=0)))
 
@@ -85,11 +94,14 @@ class _FindPositions:
     vertices: IntArray
     units: FloatArray
     parameters: Parameters
+    proxies: Proxies | None
 
     def __call__(self, index: int) -> FloatArray:
         frame, K, width = self.animation[index], self.parameters.bins, self.parameters.width
         positions = np.empty(len(self.vertices))
-        for field in geodesic_fields(frame.points, frame.faces, self.vertices):
+        for field in geodesic_fields(
+            frame.points, frame.faces, self.vertices, proxies=self.proxies
+        ):
             rows = _rows(self.vertices, field.anchors)
             weights = whitening_weights(field, width)
             histograms = radial_histograms(field, weights, width, cells_needed(K, width))
@@ -129,11 +141,15 @@ def field_chips(
 
 
 def count_usable_chips(
-    V: FloatArray, F: IntArray, anchors: MarkedAnchors, parameters: Parameters
+    V: FloatArray,
+    F: IntArray,
+    anchors: MarkedAnchors,
+    parameters: Parameters,
+    proxies: Proxies | None = None,
 ) -> int:
     """Count the chips of a mesh that are no erasures."""
     usable = 0
-    for rows, field in anchors.fields(V, F):
+    for rows, field in anchors.fields(V, F, proxies=proxies):
         unit = float(anchors.units[rows[0]])
         _, n, _ = field_chips(field, unit, parameters.bins, parameters.width)
         usable += int(np.count_nonzero(n >= MIN_VERTEX_COUNT))

@@ -28,7 +28,9 @@ from meshmark_plugins.schemes.apex.marking.marked_anchors import (
     assign_units_and_words,
     count_usable_chips,
 )
+from meshmark_plugins.schemes.apex.marking.planning_proxy import planning_proxy
 from meshmark_plugins.schemes.apex.marking.pose_constraints import PoseConstraints
+from meshmark_plugins.schemes.apex.marking.proxy_constraints import ProxyConstraints
 from meshmark_plugins.schemes.apex.parameters import Parameters
 
 # Poses measured for each keyframe: chips change from one pose to the next by as much as a mark
@@ -55,10 +57,12 @@ class SurfacePlan:
     keyframes : (J,) float64
         Frame of each keyframe, increasing; a fraction where it lies between two.
     displacements : ScratchFile
-        Of each keyframe, J arrays (N, 3) in root areas of the reference frame. Copies of the plan
+        Of each keyframe, J arrays (n, 3) in root areas of the reference frame. Copies of the plan
         in other processes read the same file, which goes with this one.
     carriers : int
         Number of anchors.
+    shares : ScratchFile, optional
+        How much of each displacement is left to each vertex, J arrays (N, 1); all by default.
     scale : float
         Share of the displacements that is applied.
     """
@@ -67,26 +71,33 @@ class SurfacePlan:
     keyframes: FloatArray
     displacements: ScratchFile
     carriers: int
+    shares: ScratchFile | None = None
     scale: float = 1.0
 
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index`."""
         P, F = frame.points, frame.faces
         original = self.transfer.closest_points(P)
-        X, _ = self.transfer.apply(P, self.displacement(index), original)
+        X, _ = self.transfer.apply(P, self.displacement(index), original, self.share(index))
         return restrain(P, fit_to_surface(X, F, original), F, np.inf)
 
     def displacement(self, index: int) -> FloatArray:
-        """Blend the displacements of the keyframes before and after a frame, (3 N,)."""
+        """Blend the displacements of the keyframes before and after a frame, (3 n,)."""
+        return self._blend(self.displacements, index, self.scale)
+
+    def share(self, index: int) -> FloatArray | float:
+        """Blend the shares of the keyframes before and after a frame that are left, (N,)."""
+        return 1.0 if self.shares is None else self._blend(self.shares, index)
+
+    def _blend(self, kept: ScratchFile, index: int, scale: float = 1.0) -> FloatArray:
         last = len(self.keyframes) - 1
         j = np.interp(index, self.keyframes, np.arange(len(self.keyframes)))
         before = int(min(np.floor(j), last))
         share = j - before
-        of_before, of_after = map(self._of_keyframe, (before, min(before + 1, last)))
+        of_before, of_after = (
+            scale * kept.read(j).ravel() for j in (before, min(before + 1, last))
+        )
         return (1.0 - share) * of_before + share * of_after
-
-    def _of_keyframe(self, j: int) -> FloatArray:
-        return self.scale * self.displacements.read(j).ravel()
 
 
 def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> MarkedAnchors:
@@ -99,9 +110,9 @@ def require_capacity(frame_anchors: FrameAnchors, parameters: Parameters) -> Mar
     """
     animation = frame_anchors.animation
     vertices = lasting_anchors(frame_anchors, parameters.words)
-    anchors = assign_units_and_words(animation, vertices, parameters, frame_anchors.jobs)
-    first = animation[0]
-    chips = count_usable_chips(first.points, first.faces, anchors, parameters)
+    first, proxies, jobs = animation[0], frame_anchors.proxies, frame_anchors.jobs
+    anchors = assign_units_and_words(animation, vertices, parameters, jobs, proxies)
+    chips = count_usable_chips(first.points, first.faces, anchors, parameters, proxies)
     if chips < MIN_CHIPS:
         raise CapacityError(
             f"{len(first.points)} points give {chips} chips, and a proof at one in a million takes "
@@ -124,18 +135,24 @@ def plan_animation(
     frame_anchors = FrameAnchors(animation, jobs)
     anchors = require_capacity(frame_anchors, parameters)
     first = animation[0]
-    transfer = DisplacementTransfer(first.points, first.faces)
+    proxies = frame_anchors.proxies
+    planning = planning_proxy(first.points, first.faces, anchors.vertices, proxies)
+    proxy = None if planning is None else planning.proxy
+    transfer = DisplacementTransfer(first.points, first.faces, proxy)
     keyframes = spread_keyframes(len(animation), parameters.hold)
     poses = [poses_of_keyframe(keyframes, j, len(animation)) for j in range(len(keyframes))]
     seen = anchors_in_poses(frame_anchors, anchors.vertices, sorted(set().union(*poses)))
-    constraints = PoseConstraints(
-        animation, transfer, anchors, words[anchors.words], parameters, seen
-    )
     shown = np.unique(np.concatenate(list(seen.values())))
-    guards = geodesic_fields(transfer.V, transfer.F, shown)
+    guards = geodesic_fields(transfer.V, transfer.F, shown, proxies=proxies)
+    asked = (animation, transfer, anchors, words[anchors.words], parameters, seen)
+    if planning is None:
+        constraints = PoseConstraints(*asked)
+    else:
+        constraints = ProxyConstraints(*asked, planning, proxies)
+        guards = [planning.of_proxy(guard) for guard in guards]
     with Workers(constraints, min(jobs, len(animation))) as workers:
-        solved = solve_keyframes(constraints, guards, workers, poses, jobs)
-    plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
+        displacements, shares = solve_keyframes(constraints, guards, workers, poses, jobs)
+    plan = SurfacePlan(transfer, keyframes, displacements, len(anchors.vertices), shares)
     return limit_mrms(plan, animation, parameters.max_mrms, jobs)
 
 

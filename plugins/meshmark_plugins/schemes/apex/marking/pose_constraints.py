@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, vstack
@@ -55,8 +55,28 @@ class PoseFields:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredChips:
+    """The chips about the anchors of one component.
+
+    Parameters
+    ----------
+    rows : (m,) int
+        Which of the marked anchors these are.
+    s, n : (m, K) float64
+        Chips, and the effective number of vertices of each.
+    J : (m K, 3 N) sparse float64
+        Derivatives of the chips.
+    """
+
+    rows: IntArray
+    s: FloatArray
+    n: FloatArray
+    J: csr_matrix
+
+
 # What is asked, the frame and the displacement it is asked about, and what is known of the pose.
-PoseTask = tuple[Literal["constraints", "shares"], int, FloatArray, PoseFields | None]
+PoseTask = tuple[Literal["constraints", "shares"], int, FloatArray, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +106,9 @@ class PoseConstraints:
     parameters: Parameters
     pose_vertices: Mapping[int, IntArray]
 
+    # Whether distances of a pose that were measured once serve any displacement of it.
+    distances_last: ClassVar[bool] = False
+
     def __call__(self, task: PoseTask) -> Any:
         """Do what is asked about a frame and a displacement; see the methods of that name."""
         asked, index, d, fields = task
@@ -97,8 +120,8 @@ class PoseConstraints:
         return self.transfer.apply(P, d, self.transfer.closest_points(P))[1]
 
     def constraints(
-        self, index: int, d: FloatArray, fields: PoseFields | None = None
-    ) -> tuple[LinearConstraints, PoseFields]:
+        self, index: int, d: FloatArray, fields: Any = None
+    ) -> tuple[LinearConstraints, Any]:
         """Apply a displacement to frame `index`, and find what its chips still lack.
 
         Parameters
@@ -122,36 +145,39 @@ class PoseConstraints:
         anchors = replace(self.anchors, vertices=self.pose_vertices[index])
         measured = fields or PoseFields(anchors.fields(X, F, self.transfer.label))
         G = self.transfer.root_area * self.transfer.deformation.gradients(P)
-        s, n, J = self._chips(measured if fields is None else fields.slide(X), G)
+        slid = measured if fields is None else fields.slide(X)
+        found = [self._chips(rows, field, G) for rows, field in slid.fields]
+        return self._linear(found, d), measured
+
+    def _chips(self, rows: IntArray, field: GeodesicField, G: FloatArray) -> MeasuredChips:
+        """Measure the chips about the anchors of a component.
+
+        `G` (N, 3, 3) carries the moves that they are differentiated by to the pose.
+        """
+        K, width = self.parameters.bins, self.parameters.width
+        unit = float(self.anchors.units[rows[0]])
+        s, n, weights = field_chips(field, unit, K, width)
+        own_G = G[field.component.vertices]
+        directions = np.einsum("nxy,mnx->mny", own_G, distance_directions(field), optimize=True)
+        J = chip_jacobian(field.rescaled(unit), directions, weights, width, K, len(G))
+        return MeasuredChips(rows, s, n, J)
+
+    def _linear(self, found: list[MeasuredChips], d: FloatArray) -> LinearConstraints:
+        """State what the chips of all components, under the displacement d, still lack."""
+        K = self.parameters.bins
+        order = np.argsort(np.concatenate([each.rows for each in found]), kind="stable")
+        s = np.concatenate([each.s for each in found])[order]
+        n = np.concatenate([each.n for each in found])[order]
+        rows = (order[:, None] * K + np.arange(K)).ravel()
+        J = found[0].J if len(found) == 1 else csr_matrix(vstack([each.J for each in found]))
+        J = csr_matrix(J[rows])
         usable = n >= MIN_VERTEX_COUNT
         J = csr_matrix(diags_array(self.words.ravel().astype(np.float64)) @ J)
         target = chip_targets(n, self.parameters.strength)
         shortfall = np.where(usable, target - self.words * s, 0.0).ravel()
         weight = np.where(usable, n / (n + HALF_WEIGHT_COUNT), 0.0).ravel()
         price = SHORTFALL_PRICE * self.parameters.width**2 * weight
-        return LinearConstraints(J, shortfall + J @ d, target.ravel(), price), measured
-
-    def _chips(
-        self, measured: PoseFields, G: FloatArray
-    ) -> tuple[FloatArray, FloatArray, csr_matrix]:
-        """Measure chips (C, K), their counts, and their Jacobian (C K, 3 N).
-
-        `G` (N, 3, 3) carries the moves that they are differentiated by to the pose.
-        """
-        K, width = self.parameters.bins, self.parameters.width
-        found = []
-        for rows, field in measured.fields:
-            unit = float(self.anchors.units[rows[0]])
-            s, n, weights = field_chips(field, unit, K, width)
-            own_G = G[field.component.vertices]
-            directions = np.einsum("nxy,mnx->mny", own_G, distance_directions(field), optimize=True)
-            J = chip_jacobian(field.rescaled(unit), directions, weights, width, K, len(G))
-            found.append((s, n, J))
-        order = np.argsort(np.concatenate([rows for rows, _ in measured.fields]), kind="stable")
-        s, n = (np.concatenate([item[k] for item in found])[order] for k in (0, 1))
-        rows = (order[:, None] * K + np.arange(K)).ravel()
-        J = found[0][2] if len(found) == 1 else csr_matrix(vstack([item[2] for item in found]))
-        return s, n, csr_matrix(J[rows])
+        return LinearConstraints(J, shortfall + J @ d, target.ravel(), price)
 
 
 def chip_targets(n: FloatArray, strength: float) -> FloatArray:

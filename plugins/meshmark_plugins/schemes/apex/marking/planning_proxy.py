@@ -1,0 +1,102 @@
+"""The proxy that displacements of a fine mesh are planned on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix, eye_array, hstack
+
+from meshmark.arrays import FloatArray, IntArray
+from meshmark.mesh.geometry import vertex_areas
+from meshmark.mesh.proxy import Proxy
+from meshmark_plugins.schemes.apex.anchors.components import Component, large_components
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A component of the mesh, and the part of the proxy that stands for it.
+
+    Parameters
+    ----------
+    vertices : (N,) int
+        Of the mesh.
+    component : Component
+        Of the proxy.
+    prolongation : (N, n) sparse float64
+        Barycentric coordinates of each vertex of the mesh's component in a triangle of the
+        proxy's.
+    """
+
+    vertices: IntArray
+    component: Component
+    prolongation: csr_matrix
+
+    def spread(self, J: csr_matrix, n_points: int) -> csr_matrix:
+        """Turn derivatives (k, 3 n) by moves of the part into those by moves of the proxy."""
+        shift = 3 * int(self.component.vertices[0])
+        return csr_matrix((J.data, J.indices + shift, J.indptr), (J.shape[0], 3 * n_points))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProxy:
+    """One proxy for all components with anchors; those that are not fine stand for themselves.
+
+    Parameters
+    ----------
+    proxy : Proxy
+        Of the whole mesh; components without anchors have no part in it, and do not move.
+    parts : list of Part
+        Component after component.
+    """
+
+    proxy: Proxy
+    parts: list[Part]
+
+    def number_of(self, component: Component) -> int:
+        """Find which part stands for a component of the mesh."""
+        first = [int(part.vertices[0]) for part in self.parts]
+        return first.index(int(component.vertices[0]))
+
+    def of_proxy(self, field: GeodesicField) -> GeodesicField:
+        """Take distances on a component of the mesh for those on the part that stands for it."""
+        V, _, H = field.surface
+        component = self.parts[self.number_of(field.component)].component
+        return replace(field, component=component, V=V, H=H, on_proxy=None)
+
+
+def planning_proxy(
+    V: FloatArray, F: IntArray, anchors: IntArray, proxies: Proxies
+) -> PlanningProxy | None:
+    """Put together the proxies of the components with anchors; None if none of them has one."""
+    components = [
+        component
+        for component in large_components(V, F)
+        if np.isin(anchors, component.vertices).any()
+    ]
+    own = [proxies.of(component) for component in components]
+    if not any(own):
+        return None
+    parts, placed, samples, faces, weights = [], [], [], [], np.zeros(len(V))
+    first = 0
+    for component, built in zip(components, own, strict=True):
+        proxy = built or _itself(V[component.vertices], component.faces)
+        P, n = proxy.prolongation.tocoo(), len(proxy.samples)
+        placed.append(csr_matrix((P.data, (component.vertices[P.row], P.col)), (len(V), n)))
+        samples.append(component.vertices[proxy.samples])
+        faces.append(first + proxy.faces)
+        weights[component.vertices] = proxy.weights
+        of_proxy = Component(np.arange(first, first + n), proxy.faces)
+        parts.append(Part(component.vertices, of_proxy, proxy.prolongation))
+        first += n
+    prolongation = csr_matrix(hstack(placed, format="csr"))
+    joined = Proxy(np.concatenate(samples), np.concatenate(faces), prolongation, weights)
+    return PlanningProxy(joined, parts)
+
+
+def _itself(V: FloatArray, F: IntArray) -> Proxy:
+    """Make a mesh its own proxy."""
+    n = len(V)
+    return Proxy(np.arange(n), F, csr_matrix(eye_array(n)), vertex_areas(V, F))
