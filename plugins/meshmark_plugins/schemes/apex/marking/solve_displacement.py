@@ -98,7 +98,7 @@ def solve_displacement(
             moving, stretching = np.sqrt(moving * far), np.sqrt(stretching * strong)
         cost = energy.weighted(moving, stretching)
         operator = _Operator(cost, J, JT, active)
-        inverse = _Preconditioner(cost, constraints, active)
+        inverse = _Preconditioner(cost, J, active.reshape(len(constraints), -1))
         d = conjugate_gradients(
             operator, JT @ (active * change), d, inverse, CG_ITERATIONS, CG_TOLERANCE
         )
@@ -130,19 +130,16 @@ class _Operator:
 class _Preconditioner:
     """Inverse of the energy's block diagonal plus the mean chips, by the Woodbury identity."""
 
-    def __init__(
-        self, cost: WeightedEnergy, constraints: list[LinearConstraints], active: FloatArray
-    ) -> None:
+    def __init__(self, cost: WeightedEnergy, J: csr_matrix, weights: FloatArray) -> None:
+        """Take the weighted mean of each chip over the poses, from weights (poses, k)."""
         self._inverse = cost.inverse_blocks()
-        k = len(constraints[0].change)
-        weights = active.reshape(len(constraints), k)
         total = weights.sum(axis=0)
         kept = np.flatnonzero(total > 0.0)
-        self._mean = csr_matrix((len(kept), constraints[0].J.shape[1]))
-        for pose, weight in zip(constraints, weights, strict=True):
-            share = weight[kept] / total[kept]
-            self._mean = self._mean + diags_array(share) @ pose.J[kept]
-        self._mean = csr_matrix(self._mean)
+        share = (weights[:, kept] / total[kept]).T
+        columns = kept[:, None] + weights.shape[1] * np.arange(len(weights))
+        starts = len(weights) * np.arange(len(kept) + 1)
+        shape = (len(kept), weights.size)
+        self._mean = csr_matrix((share.ravel(), columns.ravel(), starts), shape=shape) @ J
         self._spread = csr_matrix(self._inverse @ self._mean.T)
         small = (self._mean @ self._spread).toarray() + np.diag(1.0 / total[kept])
         self._factor = cho_factor(small) if len(kept) else None
