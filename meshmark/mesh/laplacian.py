@@ -6,7 +6,6 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import lengths
 
 # Cotangents beyond this belong to slivers, where they say nothing about diffusion.
 MAX_COTANGENT = 5.0
@@ -20,12 +19,15 @@ def cotangent_weights(V: FloatArray, F: IntArray) -> FloatArray:
     U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates",
     Experimental Mathematics 2(1), 1993. doi:10.1080/10586458.1993.10504266
     """
+    # Column by column: rows this short take ten times as long.
+    corners = [np.array([x[corner] for x in V.T]) for corner in F.T]
+    sides = [corners[k - 1] - corners[k - 2] for k in range(3)]
+    (ux, uy, uz), (vx, vy, vz) = sides[:2]
+    across = np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
     weights = np.empty(F.shape)
     for k in range(3):
-        u = V[F[:, (k + 1) % 3]] - V[F[:, k]]
-        v = V[F[:, (k + 2) % 3]] - V[F[:, k]]
-        across = lengths(np.cross(u, v))
-        along = np.einsum("ij,ij->i", u, v)
+        (ux, uy, uz), (vx, vy, vz) = sides[k - 1], sides[k - 2]
+        along = -(ux * vx + uy * vy + uz * vz)
         cot = np.divide(along, across, out=np.full(len(F), MAX_COTANGENT), where=across > 0.0)
         weights[:, k] = np.clip(0.5 * cot, 0.0, MAX_COTANGENT)
     return weights
