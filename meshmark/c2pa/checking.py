@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -99,9 +100,10 @@ def check_content(content: IO[bytes], sidecar: bytes, anchors: str | None = None
         closing(c2pa.Context.from_dict(settings)) as context,
         closing(c2pa.Reader(ANY_FORMAT, content, sidecar, context=context)) as reader,
     ):
-        valid = reader.get_validation_state() in ("Valid", "Trusted")
-        results = (reader.get_validation_results() or {}).get("activeManifest", {})
-        manifest = reader.get_active_manifest() or {}
+        said = _parsed(reader.json())
+    valid = said.get("validation_state") in ("Valid", "Trusted")
+    results = (said.get("validation_results") or {}).get("activeManifest") or {}
+    manifest = said["manifests"].get(said.get("active_manifest")) or {}
     failures = {each["code"]: each.get("explanation") for each in results.get("failure", [])}
     passed = {each["code"] for each in results.get("success", [])}
     untrusted = UNTRUSTED in failures
@@ -123,6 +125,14 @@ def check_content(content: IO[bytes], sidecar: bytes, anchors: str | None = None
 def told(error: c2pa.C2paError) -> str:
     """Say in one line what the library complains about."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    try:
+        said: dict[str, Any] = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise c2pa.C2paError(f"what it holds cannot be told: {error}") from None
+    return said
 
 
 def _bindings(manifest: dict[str, Any]) -> Iterator[tuple[str, str]]:

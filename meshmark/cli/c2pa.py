@@ -66,10 +66,17 @@ def _tell(found: Answer) -> None:
     said = found.credentials
     who = f"{said.signer} of {said.issuer}" if said.issuer else f"{said.signer}"
     when = f", stamped {said.stamped}" if said.stamped else ""
-    say(f"{found.file}: {found.verdict}: signed by {who}{when}")
+    say(f"{found.file}: {found.verdict}: signed by {_readable(who)}{when}")
     for problem in found.problems:
-        complain(f"{found.sidecar}: {problem}")
+        complain(f"{found.sidecar}: {_readable(problem)}")
     for algorithm, value in said.bindings:
-        say(f"  marked by {algorithm}, record {value}")
+        say(f"  marked by {_readable(algorithm)}, record {_readable(value)}")
     if found.entries:
         say(f"  entries {', '.join(map(str, found.entries))} of the ledger")
+
+
+def _readable(text: str) -> str:
+    """Show what whoever signed has written, and nothing that a terminal would obey."""
+    return "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
+    )

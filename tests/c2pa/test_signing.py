@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
@@ -18,6 +19,13 @@ from meshmark.errors import InputError, MeshmarkError
 from time_authority import Authority
 
 RECORD = "0123456789abcdef" * 2
+HEADS = [
+    b"\xff\xd8\xff\xe0\x00\x10JFIF",
+    b"%PDF-1.7",
+    b"PK\x03\x04",
+    b"\x89PNG\r\n\x1a\n",
+    b"<svg ",
+]
 ALGORITHMS = ["meshmark.apex.4", "meshmark.relief.2"]
 
 
@@ -91,6 +99,34 @@ def test_any_flipped_byte_of_the_sidecar_is_seen(place: Path) -> None:
         harmless += found == whole
     # A third of it is padding that nobody reads.
     assert harmless < len(content) / 97 / 2
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_what_is_no_sidecar_is_refused_whatever_it_holds(place: Path, seed: int) -> None:
+    rng, content = np.random.default_rng(seed), (place / "copy.c2pa").read_bytes()
+    file, told = (place / "copy.usda").read_bytes(), set()
+    for _ in range(2000 if seed else 100):
+        start, end = np.sort(rng.integers(len(content), size=2)).tolist()
+        broken, other = [
+            (content[:start], file),
+            (content[:start] + content[end:], file),
+            (content[:end] + content[start:], file),
+            (content[:start] + rng.bytes(4) + content[start + 4 :], file),
+            (content[:start] + b"\xff\xff\xff\xff" + content[start + 4 :], file),
+            # Other formats are known to the library, and would be taken apart.
+            (content, HEADS[int(rng.integers(len(HEADS)))] + rng.bytes(end)),
+        ][int(rng.integers(6))]
+        (place / "copy.c2pa").write_bytes(broken)
+        (place / "copy.usda").write_bytes(other)
+        try:
+            found = checked(place)
+        except InputError as error:
+            told.add(error.message)
+            continue
+        assert other == file or found.problems
+        assert found.problems or found.records == (RECORD,)
+    assert told
+    assert not [each for each in told if "\n" in each]
 
 
 def test_nobody_is_trusted_by_default(place: Path) -> None:

@@ -109,6 +109,17 @@ def test_what_has_no_sidecar_is_told_of(run: Callable[..., Any]) -> None:
     failed(run("c2pa", "verify", "none.usdc", "--sidecar", "horns.c2pa"), 3, "none.usdc")
 
 
+def test_names_of_strangers_do_not_speak_to_the_terminal(run: Callable[..., Any]) -> None:
+    stranger = Holder.named("\x1b[2Jtrusted\r\n", signs=True)
+    signer = Signer.of(*stranger.save(Path(), "stranger"))
+    content = signer.sidecar(Path("horns.usdc"), "\x1b]0;x\x07", ["\x07"])
+    Path("horns.c2pa").write_bytes(content)
+    code, _, err = run("c2pa", "verify", "horns.usdc")
+    assert code == 4
+    assert len(err) == 2
+    assert all(line.isprintable() for line in err)
+
+
 @pytest.mark.slow
 def test_a_copy_is_signed_and_checked(run: Callable[..., Any]) -> None:
     init("studio.ledger")
