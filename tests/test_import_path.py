@@ -34,6 +34,7 @@ COMMANDS = [
     ["plugins", "check", "dijkstra"],
     ["keygen", "new.key"],
     ["inspect", "ball.usdc"],
+    [*VERIFY, "again.usdc"],
     [*EMBED, "--deliver"],
     ["attack", "noise", "ball.usdc", "-o", "noisy.usdc"],
     ["segment", "ball.usdc", "-o", "parts.usda"],
@@ -51,7 +52,8 @@ def folder(tmp_path_factory) -> Path:
     ball = MeshAnimation.from_arrays(
         [V * (1.0 + 0.1 * t) * (1.0, 1.2, 0.8) for t in range(4)], F, prim="/Ball"
     )
-    write_attacked(Asset("ball", (ball,), "memory"), folder / "ball.usdc")
+    for name in ("ball.usdc", "again.usdc"):
+        write_attacked(Asset("ball", (ball,), "memory"), folder / name)
     Key(bytes(range(32))).save(folder / "k")
     names = {*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "stranger"}
     for name in names - {"meshmark"}:

@@ -24,6 +24,8 @@ from meshmark.files.temporary import ScratchFolder
 # Whoever asks nothing for so long may never again, and forget to say so.
 PATIENCE = 120.0  # seconds
 NO_MEMORY = 99  # exit code
+# What processes of a pool leave behind when theirs is killed is removed, and nobody needs to know.
+UNTOLD = "ignore::UserWarning:multiprocessing.resource_tracker"
 _LENGTH = struct.Struct("!Q")
 # So that a process that does nothing but wait is not given half a gigabyte of buffers.
 SPARING = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
@@ -98,7 +100,7 @@ class Apart:
             self._folder = ScratchFolder()
             try:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", __name__],
+                    [sys.executable, "-P", "-W", UNTOLD, "-m", __name__],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     env=interpreter_environment({"TMPDIR": str(self._folder.path)}),
