@@ -81,29 +81,29 @@ def copy_page(
     InputError
         If a file was changed since it was read.
     """
-    copy = sources.copy
-    best = None if found is None else found.best
-    if best is not None and best.origin is not None and best.by_shape:
-        origin = best.origin
-        original = read(origin.source, parameters=origin.parameters or None, isolated=True)
-        sources = sources.beside(original)
+    copy, original = sources.copy, request.original
     recipes = request.recipes_for(copy.source)
+    schemes = tuple(_scheme(recipe.as_json()["scheme"]) for recipe in recipes)
+    best = None if found is None else found.best
+    if best is not None and best.origin is not None:
+        schemes = tuple(map(_scheme, best.origin.layers))
+        if best.by_shape:
+            sources, original = sources.beside(best.origin), best.origin.source.name
     asked = Asked(
         copy=copy.source,
         key_id=request.key_id,
         fpr=request.fpr,
-        original=None if sources.original is None else sources.original.source,
+        original=original,
         command=command,
         files=tuple(file.told for file in sources.files),
-        schemes=tuple(_scheme(recipe) for recipe in recipes),
+        schemes=schemes,
     )
     view = _shown(partial(_copy_view, sources, recipes, request.frames, jobs))
     sources.require_unchanged()
     return page(copy_facts(asked, verdict, found), view)
 
 
-def _scheme(recipe: Recipe) -> tuple[str, str]:
-    told = recipe.as_json()["scheme"]
+def _scheme(told: Mapping[str, Any]) -> tuple[str, str]:
     return told["name"], told["version"]
 
 

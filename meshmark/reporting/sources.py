@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from meshmark.commands.verification import Request
+from meshmark.embedding.manifest import output_hashes
+from meshmark.ledger.origins import Origin
 from meshmark.mesh.asset import Asset
 from meshmark.sources.digests import require_unchanged, sha256, source_digests
 from meshmark.sources.isolation.hashing import digests_of
@@ -54,9 +56,19 @@ class Sources:
     original: Asset | None
     files: tuple[Hashed, ...]
 
-    def beside(self, original: Asset) -> Sources:
-        """Add an original that was found."""
-        return replace(self, original=original, files=(*self.files, *hashed("original", original)))
+    def beside(self, origin: Origin) -> Sources:
+        """Add the original that a ledger names, and its master if that is there."""
+        original = read(origin.source, parameters=origin.parameters or None, isolated=True)
+        files = [*self.files, *hashed("original", original)]
+        if origin.master is not None:
+            path = Path(origin.master["path"])
+            found = output_hashes(path)
+            if found == origin.master["files"]:
+                files += [
+                    Hashed("master", str(path.parent / each["file"]), each["sha256"])
+                    for each in found
+                ]
+        return replace(self, original=original, files=tuple(files))
 
     def require_unchanged(self) -> None:
         """Refuse to tell of files that were changed meanwhile; see `require_unchanged`."""

@@ -168,6 +168,12 @@ def test_every_hypothesis_is_paid_for() -> None:
     assert both.log10_p - alone == pytest.approx(-shares([item, other])[0])
     assert 0.0 < both.log10_p - alone < 0.5
     assert np.sum(10.0 ** shares([item, other, empty])) == pytest.approx(1.0)
+    # Verdicts tell what was paid.
+    thrifty = decide("f", [item, other], KEY, recipients=names[:1], n_schemes=2, share=0.125)
+    for verdict, tried in ((both, (1, 1, 2)), (among_hundred, (1, 100, 1)), (thrifty, (2, 2, 2))):
+        [searched] = verdict.searched
+        assert (searched.schemes, searched.names, searched.candidates) == tried
+        assert verdict.log10_p - searched.log10_factor == pytest.approx(alone)
 
 
 def test_the_recipient_whose_words_fit_is_named() -> None:

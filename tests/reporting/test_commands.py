@@ -101,7 +101,7 @@ def test_the_same_copy_gives_the_same_page(made, monkeypatch) -> None:
 def test_what_is_not_marked_has_a_page_and_its_exit_code(made, monkeypatch) -> None:
     monkeypatch.chdir(made.folder)
     Key(bytes(range(1, 33))).save(made.folder / "other.key")
-    options = ("--key", "other.key", "--scheme", "relief", "--original", "horns.usdc")
+    options = ("--key", "other.key", "--scheme", "relief", "--original", "horns.usdc", "--trusted")
     assert command(monkeypatch, "report", "m.usdc", *options, "-o", "other.html") == 1
     heard = outline((made.folder / "other.html").read_text("utf-8")).heard
     assert "Not marked: the mark was not found in this file" in heard
@@ -112,14 +112,14 @@ def test_a_ledger_names_asset_recipient_and_original(made, monkeypatch, capsys) 
     pytest.importorskip("sqlalchemy", reason="the extra ledger is not installed")
     monkeypatch.chdir(made.folder)
     assert command(monkeypatch, "ledger", "init", "--ledger", "l.db") == 0
-    mark = ("--key", "studio.key", "--scheme", "relief", "--ledger", "l.db")
+    mark = ("--key", "studio.key", "--scheme", "relief", "--ledger", "l.db", "--trusted")
     for name in (RECIPIENT, "globex"):
         output = f"for-{len(name)}.usdc"
         assert (
             command(monkeypatch, "embed", "horns.usdc", "-o", output, *mark, "--recipient", name)
             == 0
         )
-    options = ("--key", "studio.key", "--ledger", "l.db", "-o", "ledger.html")
+    options = ("--key", "studio.key", "--ledger", "l.db", "-o", "ledger.html", "--trusted")
     assert command(monkeypatch, "report", "for-6.usdc", *options) == 0
     heard = outline((made.folder / "ledger.html").read_text("utf-8")).heard
     [headline] = [text for text in heard if text.startswith("Marked: this is horns ")]
@@ -139,7 +139,7 @@ def test_a_file_that_was_changed_meanwhile_has_no_page(made, monkeypatch, capsys
         (made.folder / "leak.usdc").write_bytes(b"another")
 
     monkeypatch.setattr("meshmark.reporting.report.select", exchanging)
-    options = ("--key", "studio.key", "--scheme", "relief", "--original", "horns.usdc")
+    options = ("--key", "studio.key", "--scheme", "relief", "--original", "horns.usdc", "--trusted")
     assert command(monkeypatch, "report", "leak.usdc", *options, "-o", "leak.html") == 3
     assert "leak.usdc: changed while it was read" in capsys.readouterr().err
     assert not (made.folder / "leak.html").exists()
