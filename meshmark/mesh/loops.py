@@ -314,6 +314,53 @@ def growth_directions(V: FloatArray, F: IntArray, H: FloatArray) -> FloatArray:
 
 
 @compile_loop
+def both_spreads(V: FloatArray, F: IntArray, edges: IntArray, edge_at: IntArray) -> FloatArray:
+    """Do what the function for the cost of sliding of `apex` does."""
+    n, n_edges = len(V), len(edges)
+    sums, about = np.zeros((n, 3, 3)), np.zeros(n)
+    outward, share = np.zeros((n_edges, 3)), np.zeros(n_edges)
+    for f in range(len(F)):
+        nx, ny, nz = _normal(V, F[f, 0], F[f, 1], F[f, 2])
+        length = _length(nx, ny, nz)
+        area = 0.5 * length
+        size = length if area > TINY else np.inf
+        nx, ny, nz = nx / size, ny / size, nz / size
+        for k in range(3):
+            v, ahead, e = F[f, k], F[f, (k + 1) % 3], edge_at[3 * f + k]
+            about[v] += area
+            _add_square(sums, v, area, nx, ny, nz)
+            x, y, z = V[ahead, 0] - V[v, 0], V[ahead, 1] - V[v, 1], V[ahead, 2] - V[v, 2]
+            way = _length(x, y, z)
+            way = way if way > TINY else np.inf
+            x, y, z = x / way, y / way, z / way
+            outward[e, 0] += y * nz - z * ny
+            outward[e, 1] += z * nx - x * nz
+            outward[e, 2] += x * ny - y * nx
+            # A third of a triangle's area belongs to each of its edges.
+            share[e] += area / 3.0
+    for e in range(n_edges):
+        for end in edges[e]:
+            _add_square(sums, end, share[e], outward[e, 0], outward[e, 1], outward[e, 2])
+    for v in range(n):
+        sums[v] /= max(about[v], 1e-300)
+    return sums
+
+
+@compile_loop
+def _add_square(sums: FloatArray, v: int, weight: float, x: float, y: float, z: float) -> None:
+    """Add the weighted outer product of a vector with itself to the sum of a vertex."""
+    sums[v, 0, 0] += weight * x * x
+    sums[v, 0, 1] += weight * x * y
+    sums[v, 0, 2] += weight * x * z
+    sums[v, 1, 0] += weight * y * x
+    sums[v, 1, 1] += weight * y * y
+    sums[v, 1, 2] += weight * y * z
+    sums[v, 2, 0] += weight * z * x
+    sums[v, 2, 1] += weight * z * y
+    sums[v, 2, 2] += weight * z * z
+
+
+@compile_loop
 def _normal(V: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
     """Compute the normal of a triangle, as long as twice its area."""
     ux, uy, uz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from meshmark.mesh import deformation, flip_guard, kernels
 from meshmark.mesh.geometry import edge_length
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark_plugins.schemes.apex.marking import gradients
+from meshmark_plugins.schemes.apex.marking import gradients, sliding
 
 pytest.importorskip("numba")
 
@@ -27,6 +27,7 @@ TWINS = [
     deformation.fitted_gradients,
     flip_guard.untilted_shares,
     gradients.growth_directions,
+    sliding.both_spreads,
 ]
 TOLERANCE = 1e-12
 
@@ -75,6 +76,14 @@ def test_shares(crumpled, size, least_cosine):
 def test_directions(crumpled):
     V, F, rng = crumpled
     agree(gradients.growth_directions, V, F, rng.normal(size=(3, len(V))))
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
+def test_spreads(crumpled):
+    V, F, _ = crumpled
+    cost = sliding.SlidingCost(F, len(V))
+    agree(sliding.both_spreads, V, F, cost._edges, cost._edge_at)
 
 
 def test_each_loop_has_a_twin_of_the_same_parameters():

@@ -6,6 +6,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
+from meshmark.mesh.kernels import compiled
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
 REFERENCE_SPREAD = 0.003
@@ -39,14 +40,14 @@ class SlidingCost:
     """
 
     def __init__(self, F: IntArray, n_points: int) -> None:
-        self._F, self._n_points = F, n_points
+        self._F = F
         half = np.sort(np.stack([F, np.roll(F, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         keys, self._edge_at = np.unique(half @ [n_points, 1], return_inverse=True)
         self._edges = np.stack(np.divmod(keys, n_points), axis=1)
 
     def cost(self, V: FloatArray) -> FloatArray:
         """Cost of moving each vertex of V (N, 3), (N, 3, 3): 1 along planes, much more off them."""
-        bend = self.normal_spread(V) + self.rim_spread(V)
+        bend = both_spreads(V, self._F, self._edges, self._edge_at)
         return bend / REFERENCE_SPREAD + np.eye(3)
 
     def normal_spread(self, V: FloatArray) -> FloatArray:
@@ -54,31 +55,52 @@ class SlidingCost:
 
         On a plane it is n n^T; the more the surface bends, the more of it lies in the tangents.
         """
-        vectors = area_vectors(V, self._F)
-        areas, n = lengths(vectors), normalized(vectors)
-        sums = sum_at_corners(_outer(areas, n), self._F, len(V))
-        return self._mean(sums, areas)
+        return _normal_spread(V, self._F)
 
     def rim_spread(self, V: FloatArray) -> FloatArray:
         """Mean of b b^T over the edges about each vertex, by area, (N, 3, 3).
 
         0 where the surface is flat; its trace is up to 8 / 3 where it turns back on itself.
         """
-        F, at = self._F, self._edge_at
-        vectors = area_vectors(V, F)
-        areas, n = lengths(vectors), normalized(vectors)
-        ahead = normalized((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
-        outward = np.cross(ahead, np.repeat(n, 3, axis=0))
-        n_edges = len(self._edges)
-        b = sum_at_corners(outward, at[:, None], n_edges)
-        # A third of a triangle's area belongs to each of its edges.
-        share = sum_at_corners(np.repeat(areas / 3.0, 3), at[:, None], n_edges)
-        sums = sum_at_corners(_outer(share, b), self._edges, len(V))
-        return self._mean(sums, areas)
+        return _rim_spread(V, self._F, self._edges, self._edge_at)
 
-    def _mean(self, sums: FloatArray, areas: FloatArray) -> FloatArray:
-        about = np.maximum(sum_at_corners(areas, self._F, self._n_points), 1e-300)
-        return (sums / about[:, None]).reshape(-1, 3, 3)
+
+@compiled
+def both_spreads(V: FloatArray, F: IntArray, edges: IntArray, edge_at: IntArray) -> FloatArray:
+    """Add what `SlidingCost` calls normal and rim spread, (N, 3, 3).
+
+    Parameters
+    ----------
+    V, F
+        Positions (N, 3) and triangles (F, 3).
+    edges : (E, 2) int
+        Vertices of each edge.
+    edge_at : (3 F,) int
+        Which edge follows each corner.
+    """
+    return _normal_spread(V, F) + _rim_spread(V, F, edges, edge_at)
+
+
+def _normal_spread(V: FloatArray, F: IntArray) -> FloatArray:
+    vectors = area_vectors(V, F)
+    areas, n = lengths(vectors), normalized(vectors)
+    return _mean(sum_at_corners(_outer(areas, n), F, len(V)), areas, F)
+
+
+def _rim_spread(V: FloatArray, F: IntArray, edges: IntArray, edge_at: IntArray) -> FloatArray:
+    vectors = area_vectors(V, F)
+    areas, n = lengths(vectors), normalized(vectors)
+    ahead = normalized((V[np.roll(F, -1, axis=1)] - V[F]).reshape(-1, 3))
+    outward = np.cross(ahead, np.repeat(n, 3, axis=0))
+    b = sum_at_corners(outward, edge_at[:, None], len(edges))
+    # A third of a triangle's area belongs to each of its edges.
+    share = sum_at_corners(np.repeat(areas / 3.0, 3), edge_at[:, None], len(edges))
+    return _mean(sum_at_corners(_outer(share, b), edges, len(V)), areas, F)
+
+
+def _mean(sums: FloatArray, areas: FloatArray, F: IntArray) -> FloatArray:
+    about = np.maximum(sum_at_corners(areas, F, len(sums)), 1e-300)
+    return (sums / about[:, None]).reshape(-1, 3, 3)
 
 
 def _outer(weights: FloatArray, vectors: FloatArray) -> FloatArray:
