@@ -28,6 +28,9 @@ class Deformation:
         Vertex positions of the reference.
     F : (F, 3) int
         Triangles; those without area and unused vertices are allowed.
+    rings : OneRings, optional
+        Of these triangles, if they are known, or of some of their vertices: gradients, and vectors
+        that are carried, are of these n vertices then.
 
     Notes
     -----
@@ -51,28 +54,26 @@ class Deformation:
        on Graphics 23(3), 399-405, 2004.
     """
 
-    def __init__(self, V: FloatArray, F: IntArray) -> None:
-        E, n = edges(F), len(V)
-        i, j = np.concatenate([E, E[:, ::-1]]).T
-        order = np.argsort(i, kind="stable")
-        self._i, self._j = i[order], j[order]
-        degree = np.bincount(i, minlength=n)
-        self._start = np.concatenate([[0], np.cumsum(degree)])
+    def __init__(self, V: FloatArray, F: IntArray, rings: OneRings | None = None) -> None:
+        self._rings = OneRings(F, len(V)) if rings is None else rings
+        start, i, j = self._rings.start, self._rings.here, self._rings.neighbours
+        n, degree = len(start) - 1, np.diff(start)
+        V = self._rings.ordered(V)
 
-        e = V[self._j] - V[self._i]
+        e = V[j] - V[i]
         square = np.einsum("hc,hc->h", e, e)
-        mean_square = (_sums(self._start) @ square) / np.maximum(degree, 1)
-        floor = square + _SHORT**2 * mean_square[self._i]
-        weight = np.divide(1.0, floor * degree[self._i], out=np.zeros_like(floor), where=floor > 0)
+        mean_square = (_sums(start) @ square) / np.maximum(degree, 1)
+        floor = square + _SHORT**2 * mean_square[i]
+        weight = np.divide(1.0, floor * degree[i], out=np.zeros_like(floor), where=floor > 0)
 
-        spread, U = np.linalg.eigh(_outer_sums(self._start, weight[:, None] * e, e))
+        spread, U = np.linalg.eigh(_outer_sums(start, weight[:, None] * e, e))
         # Largest first, and right-handed, so that the cross product of images keeps the side.
         first, second = U[:, :, 2], U[:, :, 1]
         self._axes = np.stack([first, second, np.cross(first, second)], axis=2)
         self._known = spread[:, [2, 1]] > _FLAT
         inverse = np.divide(1.0, spread[:, [2, 1]], out=np.zeros((n, 2)), where=self._known)
-        along = np.einsum("hc,hck->hk", e, self._axes[self._i, :, :2])
-        self._share = weight[:, None] * along * inverse[self._i]
+        along = np.einsum("hc,hck->hk", e, self._axes[i, :, :2])
+        self._share = weight[:, None] * along * inverse[i]
 
     def gradients(self, V: FloatArray) -> FloatArray:
         """Compute the deformation gradients to other positions of the same vertices.
@@ -87,7 +88,11 @@ class Deformation:
         (N, 3, 3) float64
             G of each vertex: what was a short vector v there is G v now.
         """
-        return fitted_gradients(V, self._start, self._j, self._share, self._axes, self._known)
+        rings = self._rings
+        V = rings.ordered(V)
+        return fitted_gradients(
+            V, rings.start, rings.neighbours, self._share, self._axes, self._known
+        )
 
     def carry(self, D: FloatArray, V: FloatArray) -> FloatArray:
         """Carry a vector of each vertex along with the surface.
@@ -107,6 +112,48 @@ class Deformation:
         return np.einsum("nij,nj->ni", self.gradients(V), D)
 
 
+class OneRings:
+    """The neighbours of vertices, in one list.
+
+    Parameters
+    ----------
+    F : (F, 3) int
+        Triangles.
+    n_points : int
+        N.
+    at : (n,) int, optional
+        Of which vertices; all by default.
+
+    Attributes
+    ----------
+    start : (n + 1,) int
+        Where the neighbours of each vertex begin.
+    here, neighbours : (H,) int
+        Each vertex and its neighbours, vertex after vertex, as they are `ordered`.
+    """
+
+    def __init__(self, F: IntArray, n_points: int, at: IntArray | None = None) -> None:
+        E = edges(F)
+        i, j = np.concatenate([E, E[:, ::-1]]).T
+        self._order: IntArray | None = None
+        n = n_points
+        if at is not None:
+            n, rest = len(at), np.ones(n_points, dtype=bool)
+            rest[at] = False
+            self._order = np.concatenate([at, np.flatnonzero(rest)])
+            place = np.empty(n_points, dtype=np.int64)
+            place[self._order] = np.arange(n_points)
+            kept = place[i] < n
+            i, j = place[i[kept]], place[j[kept]]
+        order = np.argsort(i, kind="stable")
+        self.here, self.neighbours = i[order], j[order]
+        self.start = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
+
+    def ordered(self, V: FloatArray) -> FloatArray:
+        """Put the vertices (N, 3) whose neighbours are listed before all others."""
+        return V if self._order is None else V[self._order]
+
+
 @compiled
 def fitted_gradients(
     V: FloatArray,
@@ -116,22 +163,22 @@ def fitted_gradients(
     axes: FloatArray,
     known: NDArray[np.bool_],
 ) -> FloatArray:
-    """Fit the gradient of each vertex of V (N, 3) to the edges to its neighbours, (N, 3, 3).
+    """Fit the gradients of the first vertices of V (N, 3) to edges to their neighbours, (n, 3, 3).
 
     Parameters
     ----------
-    start : (N + 1,) int
+    start : (n + 1,) int
         Where the neighbours of each vertex begin.
     neighbours : (2E,) int
         Neighbours of vertex after vertex.
     share : (2E, 2) float64
         Share of each edge in the images of the first two axes.
-    axes : (N, 3, 3) float64
+    axes : (n, 3, 3) float64
         Principal directions of the reference, as columns.
-    known : (N, 2) bool
+    known : (n, 2) bool
         Which of the first two the edges tell of; others keep their place.
     """
-    here = np.repeat(np.arange(len(V)), np.diff(start))
+    here = np.repeat(np.arange(len(start) - 1), np.diff(start))
     images = _outer_sums(start, V[neighbours] - V[here], share)
     images = np.where(known[:, None, :], images, axes[:, :, :2])
     n = np.cross(images[:, :, 0], images[:, :, 1])

@@ -198,9 +198,10 @@ def fitted_gradients(
     known: NDArray[np.bool_],
 ) -> FloatArray:
     """Do what the function in `meshmark.mesh.deformation` does."""
-    G = np.empty((len(V), 3, 3))
+    n = len(start) - 1
+    G = np.empty((n, 3, 3))
     images = np.empty((3, 3))
-    for v in range(len(V)):
+    for v in range(n):
         images[:] = 0.0
         for h in range(start[v], start[v + 1]):
             for x in range(3):

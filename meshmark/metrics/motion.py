@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.deformation import Deformation
+from meshmark.mesh.deformation import Deformation, OneRings
+
+# Vertices that flicker is measured at, at most: evenly spread over their list.
+MOST_VERTICES = 5_000
 
 
 def flicker(P: FloatArray, D: FloatArray, F: IntArray) -> float:
@@ -25,11 +29,11 @@ def flicker(P: FloatArray, D: FloatArray, F: IntArray) -> float:
     Returns
     -------
     float
-        RMS of D[t + 1] - G D[t] over the RMS of D, over all vertices and frames, where G is the
-        gradient of the originals' `Deformation` from t to t + 1: 0 for a displacement that turns
-        and stretches with the surface, 2 for one that alternates in sign on it; on a surface at
-        rest sqrt(2) for one that is new in every frame. 0 too without displacement or with a
-        single frame.
+        RMS of D[t + 1] - G D[t] over the RMS of D, over all frames and up to `MOST_VERTICES`
+        vertices, where G is the gradient of the originals' `Deformation` from t to t + 1: 0 for a
+        displacement that turns and stretches with the surface, 2 for one that alternates in sign
+        on it; on a surface at rest sqrt(2) for one that is new in every frame. 0 too without
+        displacement or with a single frame.
     """
     total = Flicker()
     for positions, displacement in zip(P, D, strict=True):
@@ -97,7 +101,7 @@ class Flicker:
     """Sums for `flicker` and `flicker_world`, one frame at a time; one is held."""
 
     def __init__(self) -> None:
-        self._last: tuple[FloatArray, FloatArray, IntArray] | None = None
+        self._last: _Held | None = None
         self._size = self._change = self._change_world = 0.0
         self._frames = self._pairs = 0
 
@@ -106,16 +110,18 @@ class Flicker:
 
         A frame whose triangles are not those of the frame before is compared with the next only.
         """
-        self._size += _mean_square(D)
+        last = self._last
+        if last is None or not last.has_faces(F, len(P)):
+            at = np.unique(np.linspace(0, len(P) - 1, MOST_VERTICES).round().astype(np.int64))
+            self._last = _Held(P, D[at], F, at, OneRings(F, len(P), at))
+        else:
+            self._last = replace(last, P=P, D=D[last.at])
+            carried = Deformation(last.P, F, last.rings).carry(last.D, P)
+            self._change += _mean_square(self._last.D - carried)
+            self._change_world += _mean_square(self._last.D - last.D)
+            self._pairs += 1
+        self._size += _mean_square(self._last.D)
         self._frames += 1
-        if self._last is not None:
-            P_last, D_last, F_last = self._last
-            if len(P_last) == len(P) and (F_last is F or np.array_equal(F_last, F)):
-                carried = Deformation(P_last, F).carry(D_last, P)
-                self._change += _mean_square(D - carried)
-                self._change_world += _mean_square(D - D_last)
-                self._pairs += 1
-        self._last = P, D, F
 
     def ratio(self) -> float:
         """Return the RMS change on the surface over the RMS size so far."""
@@ -129,6 +135,21 @@ class Flicker:
         if self._pairs == 0 or self._size == 0.0:
             return 0.0
         return math.sqrt((change / self._pairs) / (self._size / self._frames))
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A frame: positions, triangles, and displacements of the vertices that are looked at."""
+
+    P: FloatArray
+    D: FloatArray
+    F: IntArray
+    at: IntArray
+    rings: OneRings
+
+    def has_faces(self, F: IntArray, n_points: int) -> bool:
+        """Tell whether its triangles are these."""
+        return len(self.P) == n_points and (self.F is F or np.array_equal(self.F, F))
 
 
 class Jitter:

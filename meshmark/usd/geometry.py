@@ -114,8 +114,9 @@ def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def _product(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
-    x, y, z = vectors[:, 0:1], vectors[:, 1:2], vectors[:, 2:3]
-    return x * matrix[0, :3] + y * matrix[1, :3] + z * matrix[2, :3]
+    x, y, z = np.ascontiguousarray(vectors.T)
+    columns = [x * a + y * b + z * c for a, b, c in matrix[:3, :3].T]
+    return np.stack(columns, axis=1)
 
 
 def read_topology(prim: Usd.Prim, time: float, n_points: int) -> Topology:

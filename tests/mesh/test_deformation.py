@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from meshmark.mesh.deformation import Deformation
+from meshmark.mesh.deformation import Deformation, OneRings
 from meshmark.testing.meshes import icosphere, plane, torus
 
 ROTATION = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()
@@ -131,3 +131,14 @@ def test_the_order_of_vertices_and_faces_does_not_matter():
     place = np.argsort(order)
     mixed = Deformation(V[order], place[F][rng.permutation(len(F))]).gradients(target[order])
     np.testing.assert_allclose(mixed[place], Deformation(V, F).gradients(target), atol=1e-12)
+
+
+def test_some_vertices_tell_what_all_of_them_would():
+    V, F = torus(20, 10)
+    target = V + 0.1 * np.sin(3 * V[:, [1, 2, 0]])
+    at = np.array([7, 3, 150])
+    some = Deformation(V, F, OneRings(F, len(V), at))
+    every = Deformation(V, F)
+    np.testing.assert_allclose(some.gradients(target), every.gradients(target)[at], atol=1e-14)
+    carried = every.carry(V, target)
+    np.testing.assert_allclose(some.carry(V[at], target), carried[at], atol=1e-14)

@@ -56,8 +56,9 @@ def agree(function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray
 @settings(max_examples=30)
 def test_gradients(crumpled):
     V, F, rng = crumpled
-    shapes = deformation.Deformation(V, F)
-    arguments = (shapes._start, shapes._j, shapes._share, shapes._axes, shapes._known)
+    rings = deformation.OneRings(F, len(V))
+    shapes = deformation.Deformation(V, F, rings)
+    arguments = (rings.start, rings.neighbours, shapes._share, shapes._axes, shapes._known)
     moved = V @ rng.normal(size=(3, 3)) + 0.1 * rng.normal(size=V.shape)
     agree(deformation.fitted_gradients, moved, *arguments)
 

@@ -11,8 +11,9 @@ from meshmark.metrics import (
     flicker_world,
     jitter,
 )
-from meshmark.metrics.motion import Flicker
+from meshmark.metrics.motion import MOST_VERTICES, Flicker
 from meshmark.testing.attacks import sphere
+from meshmark.testing.meshes import icosphere
 
 ALTERNATING = np.array([1, -1, 1, -1, 1, -1])[:, None, None]
 
@@ -91,3 +92,12 @@ def test_flicker_is_not_taken_across_a_change_of_faces():
         total.add(V, sign * D, faces)
     assert total.ratio() == pytest.approx(0, abs=1e-12)
     assert total.ratio_world() == 0.0
+
+
+def test_flicker_of_many_vertices_is_measured_at_some():
+    V, F = icosphere(5)
+    assert len(V) > 2 * MOST_VERTICES
+    D = np.random.default_rng(0).normal(size=V.shape)
+    P = np.stack([V, V, V])
+    assert flicker(P, np.stack([D, -D, D]), F) == pytest.approx(2)
+    assert flicker(P, np.stack([D, 1.5 * D, D]), F) == pytest.approx(0.5 / math.sqrt(4.25 / 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct, idct
@@ -95,7 +96,10 @@ class Smoother:
         self.mass = np.maximum(area, 1e-9 * area.mean())
         L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
         self.matrix = csc_matrix(diags_array(self.mass) + radius**2 * L)
-        self._solver = _factored(self.matrix)
+
+    @cached_property
+    def _solver(self) -> SuperLU:
+        return _factored(self.matrix)
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Smooth x (N,) or (N, n)."""
@@ -111,8 +115,15 @@ class Smoother:
 
 
 def _factored(A: csc_matrix) -> SuperLU:
-    options = {"SymmetricMode": True}
-    return splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    # Column by column: the columns of a triangle mesh have too little in common for panels.
+    return splu(
+        A,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        relax=1,
+        panel_size=1,
+        options={"SymmetricMode": True},
+    )
 
 
 @dataclass(frozen=True, eq=False)

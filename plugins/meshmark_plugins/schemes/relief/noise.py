@@ -41,6 +41,8 @@ class SmoothNoise:
             csc_matrix(diags_array(M) + 1j * e * smoother.matrix),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
+            relax=1,
+            panel_size=1,
             options={"SymmetricMode": True},
         )
 
