@@ -19,6 +19,12 @@ function read(text) {
   };
 }
 
+/** Let the still stand for the view, and say so. */
+function fallBack() {
+  figure.classList.remove('live');
+  figure.classList.add('still-only');
+}
+
 function start() {
   const view = read(source.textContent);
   const canvas = figure.querySelector('canvas');
@@ -62,7 +68,7 @@ function start() {
       pose();
     });
   }
-  canvas.addEventListener('webglcontextlost', () => figure.classList.remove('live'));
+  canvas.addEventListener('webglcontextlost', fallBack);
   pose();
 }
 
@@ -75,9 +81,7 @@ if (figure && source) {
   try {
     start();
   } catch (error) {
-    // Without WebGL the still remains, and the page says so.
-    figure.classList.remove('live');
-    figure.classList.add('still-only');
+    fallBack();
     console.info(`no 3D view: ${error.message}`);
   }
 }
