@@ -105,7 +105,7 @@ def test_any_flipped_byte_of_the_sidecar_is_seen(place: Path) -> None:
 def test_what_is_no_sidecar_is_refused_whatever_it_holds(place: Path, seed: int) -> None:
     rng, content = np.random.default_rng(seed), (place / "copy.c2pa").read_bytes()
     file, told = (place / "copy.usda").read_bytes(), set()
-    for _ in range(2000 if seed else 100):
+    for _ in range(600 if seed else 100):
         start, end = np.sort(rng.integers(len(content), size=2)).tolist()
         broken, other = [
             (content[:start], file),
