@@ -63,19 +63,8 @@ class KeyframeSolver:
     workers: PoseWorkers
     cache: dict[int, tuple[LinearConstraints, Any]] = field(default_factory=dict)
 
-    def solve(
-        self, poses: list[int], d: FloatArray, rounds: int
-    ) -> tuple[FloatArray, FloatArray | None]:
-        """Find the displacement that serves some poses best, starting from another.
-
-        Returns
-        -------
-        d : (3 n,) float64
-            The displacement.
-        shares : (N,) float64 or None
-            How much of it all poses leave to each vertex of the mesh; None where it is the mesh
-            that is displaced, and no more of it is given.
-        """
+    def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
+        """Find the displacement that serves some poses best, (3 n,), starting from another."""
         transfer, width = self.constraints.transfer, self.constraints.parameters.width
         V, F = transfer.surface
         points = [transfer.positions(self.constraints.animation[t].points) for t in poses]
@@ -93,10 +82,13 @@ class KeyframeSolver:
             constraints = [self.cache[t][0] for t in poses]
             found = solve_displacement(constraints, energy, MOVE_REACH * width, d)
             d = smoother.smooth_folds(d + (RELAXATION if d.any() else 1.0) * (found - d))
+        if transfer.proxy is not None:
+            # It is on the mesh that faces are held back.
+            return d
         # What one pose would have to hold back is held back in all: a move that comes and goes
         # is seen, one that is shorter is not.
-        shares = np.min(list(self.workers.map([("shares", t, d, None) for t in poses])), axis=0)
-        return (d * np.repeat(shares, 3), None) if transfer.proxy is None else (d, shares)
+        shares = list(self.workers.map([("shares", t, d, None) for t in poses]))
+        return d * np.repeat(np.min(shares, axis=0), 3)
 
     def _measure(self, poses: list[int], d: FloatArray, anew: bool = True) -> None:
         """Measure a displacement in poses, with distances measured anew or carried over."""
@@ -120,8 +112,8 @@ def solve_keyframes(
     workers: PoseWorkers,
     poses: list[list[int]],
     jobs: int,
-) -> tuple[ScratchFile, ScratchFile | None]:
-    """Find the displacements of all keyframes, from the middle one outwards.
+) -> ScratchFile:
+    """Find the displacements of all keyframes, J arrays (n, 3), from the middle one outwards.
 
     The keyframes before it and those after it do not wait for each other: while one displacement
     is solved for here, workers measure poses for the other way.
@@ -134,28 +126,14 @@ def solve_keyframes(
         Frames that each keyframe must serve.
     jobs : int
         1 to go the two ways one after the other.
-
-    Returns
-    -------
-    displacements, shares : ScratchFile
-        What `KeyframeSolver.solve` finds for each keyframe: J arrays (n, 3) and, for a proxy,
-        J arrays (N, 1).
     """
     start = len(poses) // 2
     first = KeyframeSolver(constraints, guards, workers)
-    transfer = constraints.transfer
-    V, _ = transfer.surface
-    displacements, shares = ScratchFile.create(len(poses), len(V), DOUBLE), None
-    if transfer.proxy is not None:
-        shares = ScratchFile.create(len(poses), len(transfer.V), width=1)
+    V, _ = constraints.transfer.surface
+    solved = ScratchFile.create(len(poses), len(V), DOUBLE)
+    middle = first.solve(poses[start], np.zeros(V.size), FIRST_KEYFRAME_ROUNDS)
+    solved.write(start, middle)
 
-    def keep(j: int, d: FloatArray, left: FloatArray | None) -> FloatArray:
-        displacements.write(j, d)
-        if shares is not None and left is not None:
-            shares.write(j, left)
-        return d
-
-    middle = keep(start, *first.solve(poses[start], np.zeros(V.size), FIRST_KEYFRAME_ROUNDS))
     stopped = Event()
 
     def go(way: range) -> None:
@@ -163,7 +141,8 @@ def solve_keyframes(
         for j in way:
             if stopped.is_set():
                 return
-            d = keep(j, *solver.solve(poses[j], d, LATER_KEYFRAME_ROUNDS))
+            d = solver.solve(poses[j], d, LATER_KEYFRAME_ROUNDS)
+            solved.write(j, d)
 
     ways = (range(start + 1, len(poses)), range(start - 1, -1, -1))
     with ThreadPoolExecutor(min(jobs, len(ways))) as threads:
@@ -174,4 +153,4 @@ def solve_keyframes(
             # Nobody wants the rest of the other way any more.
             stopped.set()
             raise
-    return displacements, shares
+    return solved

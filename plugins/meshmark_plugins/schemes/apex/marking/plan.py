@@ -151,8 +151,10 @@ def plan_animation(
         constraints = ProxyConstraints(*asked, planning, proxies)
         guards = [planning.of_proxy(guard) for guard in guards]
     with Workers(constraints, min(jobs, len(animation))) as workers:
-        displacements, shares = solve_keyframes(constraints, guards, workers, poses, jobs)
-    plan = SurfacePlan(transfer, keyframes, displacements, len(anchors.vertices), shares)
+        solved = solve_keyframes(constraints, guards, workers, poses, jobs)
+    plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
+    if proxy is not None:
+        plan = hold_back(plan, animation, poses, jobs)
     return limit_mrms(plan, animation, parameters.max_mrms, jobs)
 
 
@@ -168,6 +170,42 @@ def poses_of_keyframe(keyframes: FloatArray, j: int, n_frames: int) -> list[int]
     high = keyframes[j + 1] if j + 1 < len(keyframes) else n_frames - 1.0
     spread = np.linspace(low, high, min(MAX_POSES_PER_KEYFRAME, int(high - low) + 1))
     return [int(t) for t in np.unique(spread.round())]
+
+
+def hold_back(
+    plan: SurfacePlan, animation: MeshAnimation, poses: list[list[int]], jobs: int = 1
+) -> SurfacePlan:
+    """Hold back in all poses of a keyframe what one of them would have to hold back.
+
+    A move that comes and goes is seen, one that is shorter is not.
+
+    Parameters
+    ----------
+    poses : list of list of int
+        Frames that each keyframe serves.
+    """
+    shares = ScratchFile.create(len(poses), len(plan.transfer.V), width=1)
+    for j in range(len(poses)):
+        shares.write(j, np.ones(len(plan.transfer.V)))
+    frames = sorted(set().union(*poses))
+    left = ordered_map(_MeasureShares(plan, animation), frames, jobs=jobs)
+    for t, share in zip(frames, left, strict=True):
+        for j in (j for j, served in enumerate(poses) if t in served):
+            shares.write(j, np.minimum(shares.read(j).ravel(), share))
+    return replace(plan, shares=shares)
+
+
+@dataclass(frozen=True, eq=False)
+class _MeasureShares:
+    """Measures how much of its move a plan leaves to each vertex of a frame, (N,)."""
+
+    plan: SurfacePlan
+    animation: MeshAnimation
+
+    def __call__(self, index: int) -> FloatArray:
+        P = self.animation[index].points
+        original = self.plan.transfer.closest_points(P)
+        return self.plan.transfer.apply(P, self.plan.displacement(index), original)[1]
 
 
 def limit_mrms(

@@ -64,11 +64,6 @@ class ProxyConstraints(PoseConstraints):
 
     distances_last: ClassVar[bool] = True
 
-    def shares(self, index: int, d: FloatArray) -> FloatArray:
-        """Find how much of its move frame `index` leaves each vertex of the mesh, (N,)."""
-        P = self.animation[index].points
-        return allowed_shares(P, P + self.transfer.moves(P, d), self.transfer.F, np.inf)
-
     def constraints(
         self, index: int, d: FloatArray, fields: Any = None
     ) -> tuple[LinearConstraints, Any]:
