@@ -7,10 +7,11 @@ beside every original it got a copy of, whether or not that original is looked a
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ from meshmark.workers.progress import MeshProgress
 
 # Originals that a suspect is laid upon, unless more are asked for.
 MOST = 8
+# Originals whose signatures are kept for the next suspect, 0.6 MB each at most.
+REMEMBERED = 512
 
 
 @sharing_workers
@@ -293,10 +296,10 @@ class _Search:
     def _unlikeness(self, known: _Known) -> float:
         """Compare the suspect with an original at a glance; infinite where that cannot be read."""
         try:
-            original = read(known.origin.source, parameters=known.origin.parameters or None)
-            return unlikeness(self._signatures, signatures(original))
+            original = _signatures_at(known.origin.source, canonical(known.origin.parameters))
         except MeshmarkError:
             return np.inf
+        return unlikeness(self._signatures, original)
 
     @cached_property
     def _signatures(self) -> list[Any]:
@@ -305,6 +308,12 @@ class _Search:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _signatures_at(source: Path, parameters: str) -> Any:
+    """Measure an original once for many suspects; what it is laid upon is always read anew."""
+    return signatures(read(source, parameters=json.loads(parameters) or None))
 
 
 def _known(origin: Origin, key: Key) -> _Known:

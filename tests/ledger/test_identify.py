@@ -13,6 +13,8 @@ import pytest
 from command_line import command
 from marked_studio import record_for_all, rock, write_rocks
 from meshmark import verify
+from meshmark.alignment.likeness import signatures
+from meshmark.commands import identify as identifying
 from meshmark.commands.attack import write_attacked
 from meshmark.commands.identify import identify
 from meshmark.embedding.file import mark_file
@@ -23,7 +25,7 @@ from meshmark.ledger.marks import mark_of
 from meshmark.ledger.origins import Origin, origins
 from meshmark.ledger.store import Ledger, init
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.asset import as_asset
+from meshmark.mesh.asset import Asset, as_asset
 from meshmark.sources.reading import read
 from meshmark.testing.informed_schemes import horned
 from meshmark.testing.schemas import schema_folder
@@ -119,6 +121,24 @@ def test_what_is_paid_for_is_every_name_beside_every_original(studio: tuple[Path
         original=read(folder / "horns.usdc"),
     )
     assert best.verdict.log10_p == pytest.approx(single.log10_p + np.log10(5 / 3))
+
+
+@pytest.mark.slow
+def test_originals_are_measured_once_for_many_suspects(
+    studio: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identifying._signatures_at.cache_clear()
+    measured: list[str] = []
+
+    def counted(original: Asset) -> Any:
+        measured.append(original.source)
+        return signatures(original)
+
+    monkeypatch.setattr(identifying, "signatures", counted)
+    suspect = as_asset(horned())
+    for _ in range(2):
+        identify(suspect, of(studio), {KEY.id: KEY, OTHER.id: OTHER}, most=0)
+    assert measured == [str(studio[0] / "horns.usdc")]
 
 
 @pytest.mark.slow
