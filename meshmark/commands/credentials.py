@@ -29,7 +29,7 @@ class Answer:
     problems : tuple of str
         What is wrong with the sidecar, then what manifest and ledger know otherwise.
     manifest : bool
-        Whether there is a manifest of the file, with which the record was compared.
+        Whether there is a manifest of the file with a record, which was compared.
     entries : tuple of int or None
         Entries of the ledger with the record; None if no ledger was asked.
     """
@@ -83,22 +83,30 @@ def verify_credentials(
     """
     found = check_file(file, sidecar, anchors)
     problems = [*found.problems]
-    if anchors is not None and not found.trusted:
+    if anchors is not None and not found.trusted and not problems:
         problems.append(f"no certificate in {anchors} is one that the signer's lead to")
-    manifest = own_manifest(file)
-    if manifest is not None and "record" in manifest:
-        expected = [(algorithm_of(each), manifest["record"]) for each in manifest["layers"]]
-        if list(found.bindings) != expected:
-            problems.append("the manifest beside it tells of another record, or of other schemes")
-    elif not found.records:
+    expected = _expected(own_manifest(file))
+    if expected is not None and list(found.bindings) != expected:
+        problems.append("the manifest beside it tells of another record, or of other schemes")
+    if not found.records:
         problems.append("it names no record")
     numbers = None if entries is None else tuple(_entries_of(found.records, entries))
     if numbers == ():
         problems.append("no entry of the ledger has its record")
     verdict = INVALID if problems else TRUSTED if found.trusted else UNKNOWN
     return Answer(
-        str(file), str(sidecar), verdict, found, tuple(problems), manifest is not None, numbers
+        str(file), str(sidecar), verdict, found, tuple(problems), expected is not None, numbers
     )
+
+
+def _expected(manifest: dict[str, Any] | None) -> list[tuple[str, str]] | None:
+    """List the soft bindings that a manifest tells of; None if it tells of none."""
+    try:
+        record, layers = (manifest or {})["record"], (manifest or {})["layers"]
+        return [(algorithm_of(each), str(record)) for each in layers]
+    except (KeyError, TypeError):
+        # Whoever sent the file may have written the manifest.
+        return None
 
 
 def _entries_of(records: tuple[str, ...], entries: Iterable[Mapping[str, Any]]) -> Iterable[int]:

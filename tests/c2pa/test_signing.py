@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -195,12 +196,13 @@ def test_what_has_expired_needs_a_time_stamp(place: Path, chain: list[Holder]) -
     stamped = place / "stamped"
     stamped.mkdir()
     (stamped / "copy.usda").write_bytes((place / "copy.usda").read_bytes())
-    brief = Holder.named("brief", chain[1], signs=True, seconds=(-10, 4))
+    brief = Holder.named("brief", chain[1], signs=True, seconds=(-10, 8))
     sign(place / "copy.usda", brief)
     with authority.serving() as url:
         sign(stamped / "copy.usda", brief, url)
     assert checked(place).trusted
-    time.sleep(5)
+    left = brief.certificate.not_valid_after_utc - datetime.now(UTC)
+    time.sleep(left.total_seconds() + 1.0)
     [problem] = checked(place).problems
     assert "the certificate has expired" in problem
     found = check_file(stamped / "copy.usda", stamped / "copy.c2pa", place / "both.pem")

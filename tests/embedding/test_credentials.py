@@ -17,6 +17,7 @@ from meshmark.c2pa import sidecar
 from meshmark.c2pa.signing import Signer
 from meshmark.commands.attack import write_attacked
 from meshmark.embedding import credentials, file
+from meshmark.embedding.manifest import manifest_path, output_hashes
 from meshmark.errors import InputError, OutputError
 from meshmark.keys import Key
 from meshmark.ledger.store import Ledger, init
@@ -27,6 +28,7 @@ from meshmark.testing.schemas import schema_folder
 MARK = ("embed", "horns.usdc", "--key", "k", "--scheme", "relief", "--trusted", "-o")
 SIGN = ("--c2pa", "signer.pem", "--c2pa-key", "signer.key")
 NAME = "Zoë of Acme"
+HORNS = Path("horns.usdc")
 
 
 def found_studio(folder: Path) -> None:
@@ -118,6 +120,19 @@ def test_names_of_strangers_do_not_speak_to_the_terminal(run: Callable[..., Any]
     assert code == 4
     assert len(err) == 2
     assert all(line.isprintable() for line in err)
+
+
+@pytest.mark.parametrize("layers", [[1], [{}], None, [{"name": "x", "version": "1"}]])
+def test_a_strangers_manifest_is_compared_at_most(run: Callable[..., Any], layers: Any) -> None:
+    signer = Signer.of(Path("signer.pem"), Path("signer.key"))
+    Path("horns.c2pa").write_bytes(signer.sidecar(Path("horns.usdc"), "ab" * 16, ["meshmark.y.1"]))
+    manifest = {"record": "ab" * 16, "layers": layers, "output_files": output_hashes(HORNS)}
+    manifest_path(HORNS).write_text(json.dumps(manifest))
+    outcome = run("c2pa", "verify", HORNS, "--anchors", "root.pem")
+    if layers and isinstance(layers[0], dict) and layers[0]:
+        failed(outcome, 1, "another record, or of other schemes")
+    else:
+        assert outcome[0] == 0
 
 
 @pytest.mark.slow

@@ -107,7 +107,7 @@ def test_what_timestamp_needs_is_asked_for(run: Callable[..., Any]) -> None:
 @settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-@given(name=st.text(max_size=300))
+@given(name=st.text(st.characters(), max_size=300))
 def test_any_text_as_a_name_is_recorded_or_refused_in_one_line(
     run: Callable[..., tuple[int, str, str]], name: str
 ) -> None:
