@@ -161,7 +161,7 @@ def _commands(kind: str, seed: Seed, rng: Random) -> tuple[tuple[str, ...], ...]
     look = ("inspect", source, *scheme)
     if kind == "gltf":
         return (look, *rng.choices(_gltf_uses(source, key, rng), (3, 2, 6, 6, 2, 2))[0])
-    return (look, *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2, 2))[0])
+    return (look, *rng.choices(_uses(source, key, rng), (8, 4, 1, 6, 8, 3, 1, 2, 2, 3))[0])
 
 
 def _uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[str, ...], ...]]:
@@ -180,6 +180,10 @@ def _uses(source: str, key: tuple[str, ...], rng: Random) -> list[tuple[tuple[st
         (("segment", source, "-o", "cut.usda"),),
         (("check", source, "--json"),),
         (("attack", "noise", source, "-o", output, "-p", "amplitude=0.001", "--seed", "1"),),
+        (
+            (*embed, *QUICK, "--report", "mark.html"),
+            ("report", source, *key, *QUICK, "-o", "copy.html"),
+        ),
     ]
 
 
