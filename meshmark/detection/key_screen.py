@@ -13,8 +13,9 @@ from meshmark.detection.decision import corrected_for
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence
 from meshmark.detection.pooling import Pool
-from meshmark.detection.significance import ROUNDING, log10_p_of, log10_p_together, screen_of
+from meshmark.detection.significance import ROUNDING, log10_p_of, screen_of
 from meshmark.detection.verdict import Answer, joint_log10_p
+from meshmark.statistics.p_values import word_log_e_means
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +144,7 @@ class _Tried:
     correction : float
         What log10 p is corrected by.
     bound, exact : callable
-        Bounds log10 p of words (n, U, K) from below, or computes it; before it is corrected.
+        Bounds log10 p of words (n, U, K) from below, roughly or closely, before it is corrected.
     """
 
     scheme: str
@@ -189,20 +190,30 @@ def _item(item: Evidence, correction: float, log10_limit: float) -> _Tried:
     screen = screen_of(item, log10_limit - correction)
     if screen is None:
         needed = WordsNeeded(item.n_words, item.n_chips, np.arange(item.n_words))
-        exact = partial(log10_p_of, item)
-        return _Tried(item.scheme, needed, correction, exact, exact)
+        of_item = partial(log10_p_of, item)
+        return _Tried(item.scheme, needed, correction, of_item, of_item)
     needed = WordsNeeded(item.n_words, item.n_chips, screen.words)
 
     def bound(words: SignArray) -> FloatArray:
         return -screen.log_e_bounds(words) / np.log(10.0) - ROUNDING
 
-    def exact_of(words: SignArray) -> FloatArray:
+    def exact(words: SignArray) -> FloatArray:
         # No other words are looked at.
         all_words = np.zeros((len(words), item.n_words, item.n_chips), np.int8)
         all_words[:, needed.numbers] = words
-        return log10_p_together(item, all_words) - ROUNDING
+        found = np.full(len(words), -np.inf)
+        by_part = screen.bounds_by_part(words)
+        for variant, reached in zip(item.variants, by_part > -np.inf, strict=True):
+            some = np.flatnonzero(reached)
+            if len(some):
+                of_some = word_log_e_means(
+                    variant.pooled, variant.belief, all_words[some], variant.posterior
+                )
+                found[some] = np.maximum(found[some], of_some)
+        # All are worth no more than as many of the best of them.
+        return -(found + np.log(len(item.variants))) / np.log(10.0) - ROUNDING
 
-    return _Tried(item.scheme, needed, correction, bound, exact_of)
+    return _Tried(item.scheme, needed, correction, bound, exact)
 
 
 def _pool(pool: Pool, correction: float) -> _Tried:

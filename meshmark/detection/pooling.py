@@ -15,11 +15,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.special import logsumexp
+from scipy.special import comb, logsumexp
 
 from meshmark.arrays import FloatArray, IntArray, SignArray
 from meshmark.detection.carrier_matching import agreement
 from meshmark.detection.evidence import Evidence, RestoredVariant
+from meshmark.statistics.e_values import N_TOP_TERMS
 from meshmark.statistics.joint_mean import Group, joint_log_e
 from meshmark.statistics.p_values import log10_p_words, reachable_log10_p, word_log_e_means
 from meshmark.statistics.screening import Screen, Screened
@@ -111,12 +112,19 @@ class Pool:
     def log_e_bounds(self, words: SignArray) -> FloatArray:
         """Bound the log e-value of words (n, M, K), which are not shared, from above, (n,).
 
-        A mean over which groups are left is at most the product over those that are worth it.
+        A mean over how many groups are left is at most its largest term: the product over those
+        that are worth most, over the number of such choices. Of a group, one term counts.
         """
         total = np.full(len(words), -np.inf)
         for log_belief, screens in self.screens:
             each = [screen.log_e_bounds(words[:, screen.words]) for screen in screens]
-            total = np.logaddexp(total, log_belief + np.maximum(0.0, each).sum(axis=0))
+            best = -np.sort(-np.array(each), axis=0)
+            if len(screens) > 1:
+                left = np.arange(1, len(screens) + 1)
+                choices = np.log(comb(len(screens), left))[:, None]
+                sums = np.cumsum(best - np.log(N_TOP_TERMS), axis=0) - choices
+                best = np.maximum(0.0, sums)
+            total = np.logaddexp(total, log_belief + best.max(axis=0))
         return total
 
     @cached_property

@@ -168,11 +168,6 @@ def log10_p_of(evidence: Evidence, words: SignArray) -> FloatArray:
     return np.minimum(0.0, _judged(evidence, words)[0])
 
 
-def log10_p_together(evidence: Evidence, words: SignArray) -> FloatArray:
-    """Bound log10 p of words (n, M, K) as `log10_p_of`, but from no frame by itself, (n,)."""
-    return np.minimum(0.0, _pooled_log10_p(evidence, words))
-
-
 def _judged(evidence: Evidence, words: SignArray) -> tuple[FloatArray, dict[int, FloatArray]]:
     """Bound log10 p of words, (n,), and tell what frames say by themselves of those listed.
 

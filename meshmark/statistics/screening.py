@@ -72,17 +72,19 @@ class Screen:
     ----------
     words : (U,) int
         Which of a key's words are asked for.
+    least_of_each : float
+        Log e-value that one way at least must reach, for all of them to reach `least`.
     """
 
     def __init__(self, evidence: Sequence[Screened], n_words: int, least: float) -> None:
         self.least = least
         # Of n that sum up to e^x, one is at least e^x / n.
-        self._each = least - float(np.log(len(evidence)))
+        self.least_of_each = least - float(np.log(len(evidence)))
         firsts = [item.posterior.first_words(n_words) for item in evidence]
         begins = np.unique(np.concatenate([first.ravel() for first in firsts]))
         self.words: IntArray = np.unique(begins[:, None] + np.arange(WINDOW_SIZE))
         self._parts = [
-            _Part.of(item, np.searchsorted(self.words, first), self._each)
+            _Part.of(item, np.searchsorted(self.words, first), self.least_of_each)
             for item, first in zip(evidence, firsts, strict=True)
         ]
 
@@ -99,16 +101,18 @@ class Screen:
         (n,) float64
             -inf for keys that cannot reach `least`.
         """
-        portions = (words[n : n + AT_ONCE] for n in range(0, len(words), AT_ONCE))
-        found = [self._bounds(portion) for portion in portions]
-        return np.concatenate([np.zeros(0), *found])
-
-    def _bounds(self, words: SignArray) -> FloatArray:
-        signs = np.ascontiguousarray(words.transpose(1, 2, 0), np.float32)
-        each = np.array([part.bounds(signs) for part in self._parts])
+        each = self.bounds_by_part(words)
         # What was left out somewhere is worth less than that there.
-        total = np.logaddexp.reduce(np.maximum(each, self._each), axis=0)
+        total = np.logaddexp.reduce(np.maximum(each, self.least_of_each), axis=0)
         return np.where((each > -np.inf).any(axis=0), total, -np.inf)
+
+    def bounds_by_part(self, words: SignArray) -> FloatArray:
+        """Bound it for each way to read the mesh, (P, n); -inf below `least_of_each`."""
+        found = np.empty((len(self._parts), len(words)))
+        for some in (slice(n, n + AT_ONCE) for n in range(0, len(words), AT_ONCE)):
+            signs = np.ascontiguousarray(words[some].transpose(1, 2, 0), np.float32)
+            found[:, some] = [part.bounds(signs) for part in self._parts]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
