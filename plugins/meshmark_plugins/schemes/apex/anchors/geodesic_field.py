@@ -104,6 +104,51 @@ class GeodesicField:
         return _mean_by_area(*self.surface)
 
 
+@dataclass(frozen=True, eq=False)
+class AnchoredComponent:
+    """A component of a frame, and which of some anchors lie on it.
+
+    Parameters
+    ----------
+    component : Component
+        Which vertices and triangles.
+    root_areas : (float, float)
+        Root area in which the component is measured, and that of the largest one.
+    anchors : (m,) int
+        Vertices of the component.
+    """
+
+    component: Component
+    root_areas: tuple[float, float]
+    anchors: IntArray
+
+
+def anchored_components(
+    V: FloatArray, F: IntArray, anchors: IntArray, label: IntArray | None = None
+) -> list[AnchoredComponent]:
+    """Find the components of a mesh that some anchors (m,) lie on.
+
+    Parameters are those of `geodesic_fields`.
+
+    Raises
+    ------
+    CapacityError
+        If an anchor lies in no large component.
+    """
+    found = []
+    components = large_components(V, F, label)
+    root_areas = shared_root_areas(V, components)
+    for component, root_area in zip(components, root_areas, strict=True):
+        local = np.full(len(V), -1)
+        local[component.vertices] = np.arange(len(component.vertices))
+        own = local[anchors][local[anchors] >= 0]
+        if own.size:
+            found.append(AnchoredComponent(component, (root_area, root_areas[0]), own))
+    if sum(len(each.anchors) for each in found) < len(anchors):
+        raise CapacityError("an anchor lies in a piece that is too small in some frame")
+    return found
+
+
 def geodesic_fields(
     V: FloatArray,
     F: IntArray,
@@ -131,28 +176,16 @@ def geodesic_fields(
     CapacityError
         If an anchor lies in no large component.
     """
-    fields, left = [], len(anchors)
-    components = large_components(V, F, label)
-    root_areas = shared_root_areas(V, components)
-    for component, root_area in zip(components, root_areas, strict=True):
-        local = np.full(len(V), -1)
-        local[component.vertices] = np.arange(len(component.vertices))
-        own = local[anchors][local[anchors] >= 0]
-        if own.size:
-            points = V[component.vertices]
-            fields.append(
-                measure_field(
-                    component,
-                    points,
-                    (root_area, root_areas[0]),
-                    distances_on(points, component, proxies),
-                    own,
-                    np.zeros(len(own)),
-                )
+    fields = []
+    for each in anchored_components(V, F, anchors, label):
+        points = V[each.component.vertices]
+        geodesics = distances_on(points, each.component, proxies)
+        persistence = np.zeros(len(each.anchors))
+        fields.append(
+            measure_field(
+                each.component, points, each.root_areas, geodesics, each.anchors, persistence
             )
-            left -= len(own)
-    if left:
-        raise CapacityError("an anchor lies in a piece that is too small in some frame")
+        )
     return fields
 
 

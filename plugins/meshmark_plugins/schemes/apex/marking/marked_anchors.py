@@ -9,7 +9,11 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.workers.ordered_map import ordered_map
-from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField, geodesic_fields
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import (
+    GeodesicField,
+    anchored_components,
+    geodesic_fields,
+)
 from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import cells_needed
@@ -75,11 +79,11 @@ def assign_units_and_words(
         If distances cannot be measured.
     """
     first = animation[0]
-    fields = geodesic_fields(first.points, first.faces, vertices, proxies=proxies)
-    residue = np.array([nearest_residue(fields[0].reference_root_area)])
     units = np.empty(len(vertices))
-    for field in fields:
-        units[_rows(vertices, field.anchors)] = relative_units(field.length_scale, residue)
+    for each in anchored_components(first.points, first.faces, vertices):
+        own, largest = each.root_areas
+        rows = _rows(vertices, each.component.vertices[each.anchors])
+        units[rows] = relative_units(own, np.array([nearest_residue(largest)]))
     chosen = np.linspace(0, len(animation) - 1, min(WORD_FRAMES, len(animation))).round()
     find = _FindPositions(animation, vertices, units, parameters, proxies)
     positions = list(ordered_map(find, np.unique(chosen).astype(int).tolist(), jobs=jobs))

@@ -10,8 +10,11 @@ from scipy.sparse import csr_matrix, eye_array, hstack
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark.mesh.proxy import Proxy
-from meshmark_plugins.schemes.apex.anchors.components import Component, large_components
-from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.anchors.components import Component
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import (
+    GeodesicField,
+    anchored_components,
+)
 from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 
 
@@ -71,11 +74,7 @@ def planning_proxy(
     V: FloatArray, F: IntArray, anchors: IntArray, proxies: Proxies
 ) -> PlanningProxy | None:
     """Put together the proxies of the components with anchors; None if none of them has one."""
-    components = [
-        component
-        for component in large_components(V, F)
-        if np.isin(anchors, component.vertices).any()
-    ]
+    components = [each.component for each in anchored_components(V, F, anchors)]
     own = [proxies.of(component) for component in components]
     if not any(own):
         return None
