@@ -10,6 +10,7 @@ from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.mesh.animation import Frame, MappedFrames, MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
+from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.reporting.copy_facts import copy_facts
 from meshmark.reporting.decimation import shown_mesh, simplified
 from meshmark.reporting.distances import Distances
@@ -17,7 +18,7 @@ from meshmark.reporting.page import LARGEST, page
 from meshmark.reporting.selection import FRAMES, MESHES, select
 from meshmark.reporting.view import ROOM, view_of
 from meshmark.sources.reading import read
-from meshmark.testing.meshes import dumbbell, icosphere, plane, side_by_side, torus
+from meshmark.testing.meshes import bent_tube, dumbbell, icosphere, plane, side_by_side, torus
 from report_pages import asked, verdict
 
 
@@ -98,6 +99,20 @@ def test_distances_of_a_copy_that_was_blown_up_along_its_normals() -> None:
     raised = found[bumps[:, 0] > 1.0]
     assert raised.mean() > 5 * found[bumps[:, 0] == 1.0].mean()
     assert raised.mean() == pytest.approx(0.01 / diagonal, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_pose_that_the_original_never_takes_is_no_distance() -> None:
+    (V, F), (Q, _) = bent_tube(16, 40, angle=0.3), bent_tube(16, 40, angle=1.5)
+    original, copy = (as_asset(MeshAnimation.from_arrays(P, F, prim="/Tube")) for P in (V, Q))
+    placed = align(copy, original)
+    assert placed.meshes[0].method == "reposed"
+    bent = Distances(placed)(Q, 1.0)
+    # Laid upon the pose that it takes, the tube is off by its own radius at the ends.
+    start = placed.meshes[0].frames[0].maps["similarity"](Q)
+    apart = ClosestPoints(V, F).distances(start) / np.linalg.norm(np.ptp(V, axis=0))
+    assert np.median(bent) < 1e-3
+    assert np.median(apart) > 5e-3
 
 
 def test_displacements_are_those_of_the_marked_points() -> None:
