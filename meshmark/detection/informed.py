@@ -205,7 +205,9 @@ class _Reading:
             treatment = scheme.treatment(tuple(self._views(placed[0])))
         measure = _Measure(self, treatment)
         measured = []
-        for done, each in enumerate(ordered_map(measure, placed, jobs=jobs), start=1):
+        for done, each in enumerate(
+            ordered_map(measure, placed, jobs=jobs, light=self.untouched), start=1
+        ):
             measured.append(each)
             if progress is not None:
                 progress(f"{copy[0].prim} by {name}", done, len(placed))

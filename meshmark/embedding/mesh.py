@@ -113,7 +113,7 @@ def embed_animation(
                 work = plan_marking(some, scheme, words, generator=generator, step=step, jobs=jobs)
     except CapacityError as error:
         raise CapacityError(error.message, source=animation.origin, prim=animation.prim) from None
-    displacements = ordered_map(work, range(len(chosen)), jobs=jobs)
+    displacements = ordered_map(work, range(len(chosen)), jobs=jobs, light=True)
     for done, (index, displacement) in enumerate(zip(chosen, displacements, strict=True), start=1):
         scratch.write(index, displacement)
         if progress is not None:

@@ -124,7 +124,7 @@ def distortion(
     rows: list[dict[str, float]] = []
     over_time = _OverTime(original, marked)
     # What needs the frames in order is done here, while workers compare those ahead.
-    for index, row in zip(chosen, ordered_map(compare, chosen, jobs=jobs), strict=True):
+    for index, row in zip(chosen, ordered_map(compare, chosen, jobs=jobs, light=True), strict=True):
         rows.append(row)
         over_time.add_until(index + 1)
     over_time.add_until(len(original))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
@@ -25,6 +26,8 @@ JOBS_VARIABLE = "MESHMARK_JOBS"
 # many seconds.
 FEWEST_FOR_NEW_WORKERS, FEWEST_FOR_WORKERS = 4, 2
 TO_START = 2.0
+# Items of light work that are tried before workers are started: the first has to import things.
+TRIED = 2
 
 
 def default_jobs() -> int:
@@ -47,6 +50,7 @@ def ordered_map(
     *,
     jobs: int | None = None,
     seconds: float | None = None,
+    light: bool = False,
 ) -> Iterator[Result]:
     """Apply a picklable function to items in worker processes, results in the items' order.
 
@@ -60,9 +64,18 @@ def ordered_map(
         Worker processes; 1 works in this process.
     seconds : float, optional
         Of CPU time that an item takes in this process, if that is known.
+    light : bool
+        Whether items may take so little that workers are not worth starting: unless some run, the
+        first items are worked on in this process, to see.
     """
     work = list(items)
     n_jobs = default_jobs() if jobs is None else jobs
+    if light and n_jobs > 1 and not _are_running():
+        for item in work[:TRIED]:
+            start = time.process_time()
+            yield function(item)
+            seconds = time.process_time() - start
+        work = work[TRIED:]
     if not _are_worth_it(len(work), seconds):
         n_jobs = 1
     with Workers(function, min(n_jobs, len(work)) or 1) as workers:
@@ -71,11 +84,15 @@ def ordered_map(
 
 def _are_worth_it(n_items: int, seconds: float | None) -> bool:
     """Tell whether worker processes have enough to do, those that run already included."""
-    if _shared.pool is not None and _shared.pool.is_running:
+    if _are_running():
         return n_items >= FEWEST_FOR_WORKERS
     if seconds is None:
         return n_items >= FEWEST_FOR_NEW_WORKERS
     return n_items >= FEWEST_FOR_WORKERS and n_items * seconds >= TO_START
+
+
+def _are_running() -> bool:
+    return _shared.pool is not None and _shared.pool.is_running
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import pickle
 import shutil
 import signal
 import tempfile
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from meshmark.errors import InputError, OutputError, UsageError, WorkerError
 from meshmark.workers.ordered_map import (
     JOBS_VARIABLE,
+    TRIED,
     Workers,
     default_jobs,
     ordered_map,
@@ -108,6 +110,33 @@ def test_items_are_consumed_as_results_are_taken(jobs) -> None:
 
 def processes_of(jobs) -> set[int]:
     return {process for _, process in ordered_map(process_of, range(8), jobs=jobs)}
+
+
+def work_after_an_import(x: int) -> int:
+    """Take some CPU time, the first item as much as all others together."""
+    start = time.process_time()
+    while time.process_time() - start < (0.2 if x == 0 else 0.01):
+        pass
+    return os.getpid()
+
+
+def test_light_work_starts_no_workers() -> None:
+    with shared_workers(2):
+        found = list(ordered_map(work_after_an_import, range(12), jobs=2, light=True))
+    assert found == [os.getpid()] * 12
+    assert list(ordered_map(square, range(2), jobs=2, light=True)) == [0, 1]
+
+
+@pytest.mark.slow
+def test_light_work_is_given_to_workers_if_it_is_not_light_or_they_run(monkeypatch) -> None:
+    monkeypatch.setattr("meshmark.workers.ordered_map.TO_START", 0.05)
+    with shared_workers(2):
+        found = list(ordered_map(work_after_an_import, range(12), jobs=2, light=True))
+        assert found[:TRIED] == [os.getpid()] * TRIED
+        assert os.getpid() not in found[TRIED:]
+        assert os.getpid() not in list(
+            ordered_map(work_after_an_import, range(4), jobs=2, light=True)
+        )
 
 
 def test_workers_are_shared_and_end_with_the_block() -> None:
