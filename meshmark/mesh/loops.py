@@ -200,29 +200,28 @@ def fitted_gradients(
     """Do what the function in `meshmark.mesh.deformation` does."""
     n = len(start) - 1
     G = np.empty((n, 3, 3))
-    images = np.empty((3, 3))
+    image = np.empty((3, 3))
     for v in range(n):
-        images[:] = 0.0
-        for h in range(start[v], start[v + 1]):
-            for x in range(3):
-                edge = V[neighbours[h], x] - V[v, x]
-                images[0, x] += edge * share[h, 0]
-                images[1, x] += edge * share[h, 1]
-        for k in range(2):
-            if not known[v, k]:
-                images[k] = axes[v, :, k]
         for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            images[2, x] = images[0, y] * images[1, z] - images[0, z] * images[1, y]
-        area = _length(images[2, 0], images[2, 1], images[2, 2])
-        if area > 0.0:
-            images[2] /= np.sqrt(area)
+            first, second = 0.0, 0.0
+            for h in range(start[v], start[v + 1]):
+                edge = V[neighbours[h], x] - V[v, x]
+                first += edge * share[h, 0]
+                second += edge * share[h, 1]
+            image[0, x] = first if known[v, 0] else axes[v, x, 0]
+            image[1, x] = second if known[v, 1] else axes[v, x, 1]
+        ux, uy, uz = image[0, 0], image[0, 1], image[0, 2]
+        vx, vy, vz = image[1, 0], image[1, 1], image[1, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        area = _length(nx, ny, nz)
+        size = np.sqrt(area) if area > 0.0 else 1.0
+        image[2, 0], image[2, 1], image[2, 2] = nx / size, ny / size, nz / size
         for x in range(3):
             for y in range(3):
                 G[v, x, y] = (
-                    images[0, x] * axes[v, y, 0]
-                    + images[1, x] * axes[v, y, 1]
-                    + images[2, x] * axes[v, y, 2]
+                    image[0, x] * axes[v, y, 0]
+                    + image[1, x] * axes[v, y, 1]
+                    + image[2, x] * axes[v, y, 2]
                 )
     return G
 
@@ -340,10 +339,13 @@ def both_spreads(V: FloatArray, F: IntArray, edges: IntArray, edge_at: IntArray)
             # A third of a triangle's area belongs to each of its edges.
             share[e] += area / 3.0
     for e in range(n_edges):
-        for end in edges[e]:
-            _add_square(sums, end, share[e], outward[e, 0], outward[e, 1], outward[e, 2])
+        for k in range(2):
+            v = edges[e, k]
+            _add_square(sums, v, share[e], outward[e, 0], outward[e, 1], outward[e, 2])
     for v in range(n):
-        sums[v] /= max(about[v], 1e-300)
+        for x in range(3):
+            for y in range(3):
+                sums[v, x, y] /= max(about[v], 1e-300)
     return sums
 
 
