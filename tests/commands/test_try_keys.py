@@ -33,7 +33,7 @@ def store(tmp_path) -> EvidenceStore:
     return store
 
 
-@pytest.mark.parametrize("keys", [KEYS, KEYS[1:FEW_KEYS], [*KEYS[:4], *KEYS[5:6], KEYS[17]]])
+@pytest.mark.parametrize("keys", [KEYS, KEYS[1:FEW_KEYS]])
 def test_every_mark_is_found_and_paid_for_and_nothing_else(store, keys) -> None:
     names = ["acme", "bob"]
     trials, refusals = try_keys(store, keys, recipients=names)

@@ -4,6 +4,7 @@ import multiprocessing
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -154,6 +155,7 @@ def written(columns: dict[str, object], **options: object) -> bytes:
     return data.getvalue()
 
 
+@cache
 def hostile_files() -> dict[str, bytes]:
     one = pa.array([b"x" * 100], pa.binary())
     whole = written({"evidence": one})
@@ -167,7 +169,7 @@ def hostile_files() -> dict[str, bytes]:
         "lists": written({"evidence": pa.array([[b"x"]], pa.list_(pa.binary()))}),
         "compressed": written({"evidence": pa.array([bytes(1 << 24)])}, compression="zstd"),
         "one value many times": written(
-            {"evidence": pa.array([bytes(1 << 16)] * 1000)}, use_dictionary=True
+            {"evidence": pa.array([bytes(1 << 16)] * 100)}, use_dictionary=True
         ),
         "nothing many times": written({"evidence": pa.nulls(10_000_000, pa.binary())}),
     }
@@ -182,7 +184,7 @@ def test_hostile_files_are_refused_in_one_line(tmp_path, name) -> None:
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_flipped_bytes_are_never_believed(store, tmp_path, seed) -> None:
     store.add(source("leak.usd", [mesh(1)]))
     data = bytearray(store.paths()[0].read_bytes())

@@ -38,8 +38,15 @@ SOURCES = {
 }
 
 
-@pytest.mark.parametrize("fpr", [1e-1, 1e-6, 1e-12])
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize(
+    ("name", "fpr"),
+    [
+        *((name, 1e-6) for name in SOURCES),
+        ("unmarked", 1e-1),
+        ("a copy", 1e-12),
+        ("alone and beside the original", 1e-1),
+    ],
+)
 def test_whoever_would_be_found_passes(name, fpr) -> None:
     evidence = asset_evidence(source("leak.usd", SOURCES[name]))
     screen = KeyScreen(evidence, len(NAMES), fpr)
