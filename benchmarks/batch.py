@@ -168,7 +168,6 @@ def on_a_cluster(work: Path, made: Suspects, verify: list[str]) -> dict[str, obj
     from distributed import LocalCluster
 
     answers = work / "cluster.jsonl"
-    cpu = cpu_of_children()
     with (
         watched() as most,
         LocalCluster(
@@ -190,7 +189,6 @@ def on_a_cluster(work: Path, made: Suspects, verify: list[str]) -> dict[str, obj
         **judged(answers, made),
         "exit_code": code,
         "files_a_minute": round(60.0 * made.total / seconds, 1),
-        "cpu_s_a_file": round((cpu_of_children() - cpu) / made.total, 2),
         "peak_gb_of_all_processes": round(max(most) / 1e9, 2),
     }
 
