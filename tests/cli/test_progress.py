@@ -43,7 +43,7 @@ def said_by_verify(monkeypatch, capsys) -> list[str]:
 
 
 def test_now_and_then_a_line_tells_of_scheme_mesh_and_frames(folder, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(console, "BEAT_EVERY", 0.005)
+    monkeypatch.setattr(console, "BEAT_EVERY", 0.001)
     beats = [line for line in said_by_verify(monkeypatch, capsys) if " of " in line]
     assert beats[0] == "read ball.usdc: 0 of 1, 0 s"
     tried = [line for line in beats if line.startswith("verify ")]
