@@ -10,6 +10,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.flip_guard import restrain
+from meshmark.mesh.frame_range import spread
 from meshmark.metrics.summary import standard_error
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
@@ -40,7 +41,7 @@ MAX_POSES_PER_KEYFRAME = 20
 # words taken into account.
 MIN_CHIPS = 40
 # Frames whose distortion is measured first, and points of the surface, to keep within the limit;
-# all frames are measured unless it is so many standard errors away.
+# more frames are measured unless it is so many standard errors away.
 MRMS_FRAMES, MRMS_SAMPLES, MRMS_DOUBT = 4, 20_000, 2.0
 # Distortion aimed at when it must be lowered, as a share of the limit.
 MRMS_AIM = 0.97
@@ -168,8 +169,8 @@ def poses_of_keyframe(keyframes: FloatArray, j: int, n_frames: int) -> list[int]
     """Choose the frames that a keyframe's displacement must serve: up to its neighbours."""
     low = keyframes[j - 1] if j > 0 else 0.0
     high = keyframes[j + 1] if j + 1 < len(keyframes) else n_frames - 1.0
-    spread = np.linspace(low, high, min(MAX_POSES_PER_KEYFRAME, int(high - low) + 1))
-    return [int(t) for t in np.unique(spread.round())]
+    between = np.linspace(low, high, min(MAX_POSES_PER_KEYFRAME, int(high - low) + 1))
+    return [int(t) for t in np.unique(between.round())]
 
 
 def hold_back(
@@ -212,18 +213,24 @@ def limit_mrms(
     plan: SurfacePlan, animation: MeshAnimation, max_mrms: float, jobs: int = 1
 ) -> SurfacePlan:
     """Weaken a plan until it distorts no more than it may, on average over all frames."""
-    n_frames = len(animation)
-    spread = np.linspace(0, n_frames - 1, min(MRMS_FRAMES, n_frames))
-    few, every = np.unique(spread.round().astype(np.int64)).tolist(), list(range(n_frames))
-    while True:
-        measure = _MeasureMRMS(plan, animation)
-        mrms, errors = np.array(list(ordered_map(measure, few, jobs=jobs))).T
-        most = mrms.mean() + MRMS_DOUBT * standard_error(mrms, errors, n_frames)
-        if most > max_mrms:
-            mrms = np.array(list(ordered_map(measure, every, jobs=jobs)))[:, 0]
-        if (mean := float(mrms.mean())) <= max_mrms:
-            return plan
+    while (mean := _mean_mrms(plan, animation, max_mrms, jobs)) > max_mrms:
         plan = replace(plan, scale=plan.scale * MRMS_AIM * max_mrms / mean)
+    return plan
+
+
+def _mean_mrms(plan: SurfacePlan, animation: MeshAnimation, limit: float, jobs: int) -> float:
+    """Average MRMS over a few frames, and over more of them while the limit is in doubt."""
+    measure, n_frames = _MeasureMRMS(plan, animation), len(animation)
+    found: dict[int, tuple[float, float]] = {}
+    most = MRMS_FRAMES
+    while True:
+        more = [t for t in spread(n_frames, most) if t not in found]
+        found.update(zip(more, ordered_map(measure, more, jobs=jobs), strict=True))
+        mrms, errors = np.array(list(found.values())).T
+        mean, doubt = float(mrms.mean()), MRMS_DOUBT * standard_error(mrms, errors, n_frames)
+        if abs(mean - limit) > doubt or len(found) == n_frames:
+            return mean
+        most = 2 * most - 1
 
 
 @dataclass(frozen=True, eq=False)
