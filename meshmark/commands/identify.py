@@ -21,8 +21,9 @@ from meshmark.alignment.likeness import hypotheses, signatures, unlikeness
 from meshmark.commands.identification import Candidate, Identification
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence, Survey
+from meshmark.detection.joint_verdict import jointly, paid_for
 from meshmark.detection.looks import ONE_LOOK
-from meshmark.detection.verdict import Answer, Verdict, jointly, paid_for
+from meshmark.detection.verdict import Answer, Verdict
 from meshmark.detection.verify import judge_all, verify_informed
 from meshmark.embedding.asset import embed
 from meshmark.embedding.manifest import output_hashes

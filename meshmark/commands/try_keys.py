@@ -19,8 +19,9 @@ from meshmark.detection.evidence_store import (
     rows,
 )
 from meshmark.detection.gathering import AssetEvidence
+from meshmark.detection.joint_verdict import paid_for
 from meshmark.detection.key_screen import KeyScreen, KeyWords, WordsNeeded
-from meshmark.detection.verdict import Answer, Verdict, paid_for
+from meshmark.detection.verdict import Answer, Verdict
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, MeshmarkError
 from meshmark.keys import Key, words_of_keys

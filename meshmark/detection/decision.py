@@ -9,6 +9,7 @@ import numpy as np
 
 from meshmark.arrays import FloatArray
 from meshmark.detection.evidence import Evidence
+from meshmark.detection.joint_verdict import best_of_each, best_of_each_scheme
 from meshmark.detection.pooling import POOLED_SHARE, Pool, pools
 from meshmark.detection.searched import Searched
 from meshmark.detection.significance import HypothesisResult, judge_each
@@ -19,8 +20,6 @@ from meshmark.detection.verdict import (
     PooledVerdict,
     PrimVerdict,
     Verdict,
-    best_of_each,
-    best_of_each_scheme,
 )
 from meshmark.keys import Key
 from meshmark.workers.pool import one_thread

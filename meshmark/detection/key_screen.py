@@ -12,9 +12,10 @@ from meshmark.arrays import BoolArray, FloatArray, IntArray, SignArray
 from meshmark.detection.decision import corrected_for
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence
+from meshmark.detection.joint_verdict import joint_log10_p
 from meshmark.detection.pooling import Pool
 from meshmark.detection.significance import ROUNDING, log10_p_of, screen_of
-from meshmark.detection.verdict import Answer, joint_log10_p
+from meshmark.detection.verdict import Answer
 from meshmark.statistics.p_values import word_log_e_means
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from meshmark.detection.decision import decide
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.gathering import AssetEvidence, Survey
+from meshmark.detection.joint_verdict import TRIPLE, jointly, together
 from meshmark.detection.looks import (
     EVERYTHING,
     GIVEN_UP,
@@ -23,7 +24,7 @@ from meshmark.detection.looks import (
     Look,
     TakenLook,
 )
-from meshmark.detection.verdict import TRIPLE, End, Verdict, jointly, together, without_weight
+from meshmark.detection.verdict import End, Verdict, without_weight
 from meshmark.errors import CapacityError, UsageError
 from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.keys import Key

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from meshmark.detection.gathering import gather
-from meshmark.detection.verdict import TRIPLE, Verdict, jointly, together
+from meshmark.detection.joint_verdict import TRIPLE, jointly, together
+from meshmark.detection.verdict import Verdict
 from meshmark.detection.verify import judge_all, judge_beside
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh
 from meshmark.extension.recipe import Recipe, mrms_limit

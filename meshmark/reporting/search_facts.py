@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 
 from meshmark.commands.identification import Identification
+from meshmark.detection.joint_verdict import TRIPLE
 from meshmark.detection.searched import Searched
-from meshmark.detection.verdict import TRIPLE, Verdict
+from meshmark.detection.verdict import Verdict
 from meshmark.reporting.facts import Section, Table
 from meshmark.reporting.wording import factor, listed, log10
 

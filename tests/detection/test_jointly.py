@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from meshmark.detection.decision import decide
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
+from meshmark.detection.joint_verdict import jointly
 from meshmark.detection.significance import HypothesisResult
-from meshmark.detection.verdict import InformedVerdict, Named, PrimVerdict, Verdict, jointly
+from meshmark.detection.verdict import InformedVerdict, Named, PrimVerdict, Verdict
 from meshmark.keys import Key
 
 FPR = 1e-6
