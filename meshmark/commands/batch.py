@@ -7,6 +7,7 @@ import pickle
 import queue
 import threading
 from collections.abc import Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,11 +107,9 @@ def verify_many(sources: Sequence[str], request: Request, jobs: int) -> Generato
 
     def work(apart: Apart) -> None:
         try:
-            with apart:
+            with suppress(queue.Empty), apart:
                 while True:
                     finished.put(verify_apart(apart, waiting.get_nowait()))
-        except queue.Empty:
-            pass
         except BaseException as error:
             finished.put(error)
 
