@@ -17,7 +17,7 @@ KEY_FILE = ""
 RECIPIENT: str | None = None
 # Where marks, and waived ones, are recorded; see docs/ledger.md.
 LEDGER = ""
-# What else `meshmark.mark_file` is to be told; and `schemes`, the names of the layers.
+# What else `meshmark.mark_file` is to be told; see `marking.mark`.
 OPTIONS: dict[str, Any] = {}
 # Patterns of paths, and who allows, and why, that what can hold no mark stays unmarked there.
 WAIVERS: dict[str, str] = {}

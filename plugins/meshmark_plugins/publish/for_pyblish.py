@@ -17,11 +17,12 @@ from typing import Any, ClassVar
 import pyblish.api
 
 from meshmark.errors import CapacityError, InputError
-from meshmark_plugins.publish.marking import Published, holds_meshes, mark, require_capacity
+from meshmark_plugins.publish.marking import BESIDE, Published, holds_meshes, mark, require_capacity
 from meshmark_plugins.publish.recording import Recorder, place_of
 
 # Where integrators look for what they are to publish.
 PUBLISHED = ("representations", "representations_with_traits", "transfers", "hardlinks")
+NAMED = ("meshmark_asset", "meshmark_version")
 FAMILIES = ["animation", "model", "pointcache", "usd"]
 
 
@@ -32,7 +33,7 @@ class ValidateCapacity(pyblish.api.InstancePlugin):  # type: ignore[misc]
     order = pyblish.api.ValidatorOrder
     families = FAMILIES
     settings_category = "meshmark"
-    # What else `meshmark.mark_file` is to be told; and `schemes`, the names of the layers.
+    # What else `meshmark.mark_file` is to be told; see `marking.mark`.
     options: ClassVar[dict[str, Any]] = {}
 
     def process(self, instance: Any) -> None:
@@ -81,7 +82,10 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             raise CapacityError("representations with traits cannot be marked", source=instance)
         told: list[dict[str, Any]] = []
         ready: dict[str, list[Any]] = {name: [] for name in held}
-        for each in held.get("representations", ()):
+        asked = held.get("representations", ())
+        # What an earlier attempt added is added anew.
+        added = [f"{each.get('name', 'usd')}_{kind}" for each in asked for kind in BESIDE]
+        for each in (each for each in asked if each.get("name") not in added):
             ready["representations"] += self._representations(each, data, told)
         for name in ("transfers", "hardlinks"):
             for source, target in held.get(name, ()):
@@ -93,7 +97,7 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
     def _representations(
         self, representation: dict[str, Any], data: dict[str, Any], told: list[dict[str, Any]]
     ) -> list[dict[str, Any]]:
-        """Return a representation of the marked file, and one of its manifest."""
+        """Return a representation of the marked file, and of what goes with it."""
         paths = files_of(representation, data)
         if not any(map(holds_meshes, paths)):
             return [representation]
@@ -101,12 +105,12 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             raise CapacityError(f"is one of {len(paths)} files: publish one", source=paths[0])
         published = self._mark(paths[0], data, told, place_of(representation, data))
         name, many = published.path.name, not isinstance(representation["files"], str)
-        both = [{**representation, "files": [name] if many else name}]
-        if self.manifests and published.manifest is not None:
-            name = f"{representation.get('name', 'usd')}_meshmark"
-            manifest = {"name": name, "ext": "json", "files": published.manifest.name}
-            both.append({**manifest, "stagingDir": str(published.manifest.parent)})
-        return both
+        ready = [{**representation, "files": [name] if many else name}]
+        for kind, path in published.beside.items():
+            if kind != "meshmark" or self.manifests:
+                beside = {"name": f"{representation.get('name', 'usd')}_{kind}", "files": path.name}
+                ready.append(beside | {"ext": path.suffix[1:], "stagingDir": str(path.parent)})
+        return ready
 
     def _mark(
         self, path: Path, data: dict[str, Any], told: list[dict[str, Any]], place: str | None
@@ -118,9 +122,7 @@ class MarkMeshes(pyblish.api.InstancePlugin):  # type: ignore[misc]
             recipient=data.get("meshmark_recipient") or self.recipient or None,
             waiver=data.get("meshmark_waiver"),
             options=self.options,
-            recorder=Recorder.of(
-                self.ledger, data.get("meshmark_asset"), data.get("meshmark_version")
-            ),
+            recorder=Recorder.of(self.ledger, *map(data.get, NAMED)),
             published=Path(place) if place else None,
         )
         self.log.info("%s", published.told)

@@ -22,6 +22,14 @@ from meshmark_plugins.publish.recording import Recorder
 
 KEY_FILE, RECIPIENT = "Meshmark Key File", "Meshmark Recipient"
 SCHEMES, LEDGER = "Meshmark Schemes", "Meshmark Ledger"
+CERTIFICATES, SIGNING_KEY = "Meshmark C2PA Certificates", "Meshmark C2PA Key"
+TEXTS = {
+    KEY_FILE: "The studio's key file.",
+    RECIPIENT: "Whose copies these are, where an item does not say.",
+    LEDGER: "Where marks, and waived ones, are recorded; nowhere if empty.",
+    CERTIFICATES: "Who signs marked files (PEM); nobody if empty.",
+    SIGNING_KEY: "The private key of the first certificate (PEM).",
+}
 
 HookBaseClass = sgtk.get_hook_baseclass()
 
@@ -37,26 +45,17 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
     @property
     def settings(self) -> dict[str, Any]:
         """What is configured: the settings of the hook below, and ours."""
-        ours = {
-            KEY_FILE: {"type": "string", "default": "", "description": "The studio's key file."},
-            RECIPIENT: {
-                "type": "string",
-                "default": "",
-                "description": "Whose copies these are, where an item does not say.",
-            },
-            LEDGER: {
-                "type": "string",
-                "default": "",
-                "description": "Where marks, and waived ones, are recorded; nowhere if empty.",
-            },
-            SCHEMES: {
-                "type": "list",
-                "values": {"type": "string"},
-                "default": [],
-                "description": "The layers of a mark; the default ones where empty.",
-            },
+        texts = {
+            name: {"type": "string", "default": "", "description": description}
+            for name, description in TEXTS.items()
         }
-        return {**(super().settings or {}), **ours}
+        schemes = {
+            "type": "list",
+            "values": {"type": "string"},
+            "default": [],
+            "description": "The layers of a mark; the default ones where empty.",
+        }
+        return {**(super().settings or {}), **texts, SCHEMES: schemes}
 
     def validate(self, settings: dict[str, Any], item: Any) -> bool:
         """Validate as the hook below does, and foresee the mark."""
@@ -65,7 +64,7 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
         path = item.properties["path"]
         try:
             if holds_meshes(path):
-                require_capacity(path, {"schemes": settings[SCHEMES].value})
+                require_capacity(path, _options(settings))
         except (CapacityError, InputError) as error:
             if not item.properties.get("meshmark_waiver"):
                 self.logger.error("%s", error)
@@ -87,7 +86,7 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
             settings[KEY_FILE].value,
             recipient=recipient or None,
             waiver=item.properties.get("meshmark_waiver"),
-            options={"schemes": settings[SCHEMES].value},
+            options=_options(settings),
             recorder=Recorder.of(settings[LEDGER].value, None, None),
             published=Path(place) if place else None,
         )
@@ -98,3 +97,12 @@ class MarkMeshes(HookBaseClass):  # type: ignore[misc, valid-type]
         finally:
             # What comes last, as saving the next version, is about the collected file.
             item.properties["path"] = str(path)
+
+
+def _options(settings: dict[str, Any]) -> dict[str, Any]:
+    """Tell `marking.mark` what is configured."""
+    options: dict[str, Any] = {"schemes": settings[SCHEMES].value}
+    if settings[CERTIFICATES].value:
+        signs = {"certificates": settings[CERTIFICATES].value, "key": settings[SIGNING_KEY].value}
+        options["c2pa"] = signs
+    return options

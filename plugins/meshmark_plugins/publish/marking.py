@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from meshmark.c2pa.sidecar import require_installed, sidecar_path
 from meshmark.commands.inspect import why_not
 from meshmark.delivery.unmarked import require_allowed, require_extent, require_small, split_fit
 from meshmark.embedding.file import mark_file
@@ -21,6 +22,10 @@ from meshmark.sources.reading import read
 from meshmark.usd.names import LAYER_SUFFIXES
 from meshmark_plugins.publish.recording import Recorder
 
+if TYPE_CHECKING:
+    # It needs a package that not everybody has.
+    from meshmark.c2pa.signing import Signer
+
 # Single files that hold meshes, and can be marked.
 MARKABLE = (*LAYER_SUFFIXES, ".glb", ".obj")
 # Those that hold meshes, too, and would go out as they are.
@@ -28,6 +33,9 @@ UNMARKABLE = (
     *(".usdz", ".gltf", ".abc", ".fbx", ".dae", ".ply", ".stl", ".bgeo", ".ma", ".mb", ".blend"),
     *(".max", ".hip", ".hiplc", ".c4d", ".ztl"),
 )
+
+# Kinds of files that go with a marked one: its manifest, and its content credentials.
+BESIDE = ("meshmark", "c2pa")
 
 NOTHING_RECORDED = Recorder(None, None, None)
 
@@ -42,13 +50,13 @@ class Published:
         What may be published: the marked file, or the unmarked one if somebody waived its mark.
     told : dict
         What there is to record of it, as JSON values.
-    manifest : Path or None
-        The manifest of the marked file.
+    beside : mapping of str to Path
+        What goes with the marked file, by its kind in `BESIDE`.
     """
 
     path: Path
     told: dict[str, Any]
-    manifest: Path | None = None
+    beside: Mapping[str, Path] = field(default_factory=dict)
 
 
 def holds_meshes(path: str | Path) -> bool:
@@ -115,7 +123,8 @@ def mark(
     waiver : str, optional
         Who allows, and why, that what can hold no mark is published unmarked.
     options : mapping, optional
-        More of what `meshmark.mark_file` takes; and `schemes`, the names of the layers.
+        More of what `meshmark.mark_file` takes; and `schemes`, the names of the layers, and
+        `c2pa`, the files that sign, as `Signer.of` takes them.
     recorder : Recorder, optional
         Of a ledger. What cannot be recorded is not published.
     published : Path, optional
@@ -130,6 +139,10 @@ def mark(
     source, output = Path(source), Path(output)
     before = marked_before(source, key, recipient, waiver)
     if before is not None:
+        if "signer" in more and "c2pa" not in before.beside:
+            raise UsageError(
+                "is marked, but not signed: publish what it was made of", source=source
+            )
         return before
     if waiver and _delivers(output):
         more["allow_unmarked"] = ["all"]
@@ -213,14 +226,29 @@ def _marked(path: Path, document: dict[str, Any], waiver: str | None) -> Publish
         "assets": assets.name if assets.is_dir() else None,
         "waiver": waiver,
     }
-    return Published(path, told, manifest_path(path))
+    places = (manifest_path(path), sidecar_path(path) if "c2pa" in document else None)
+    beside = {kind: place for kind, place in zip(BESIDE, places, strict=True) if place}
+    return Published(path, told, beside)
 
 
 def _recipe(options: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Take apart the layers and all other options."""
+    """Take apart the layers and all other options; read who signs."""
     more = dict(options)
     schemes, recipe = more.pop("schemes", None), more.pop("recipe", None)
+    signs = more.pop("c2pa", None)
+    if signs:
+        more["signer"] = _signer(signs)
     return [Recipe(name) for name in schemes] if schemes else recipe, more
+
+
+def _signer(files: Mapping[str, str]) -> Signer:
+    require_installed()
+    from meshmark.c2pa.signing import Signer
+
+    missing = [name for name in ("certificates", "key") if not files.get(name)]
+    if missing:
+        raise UsageError(f"the option c2pa lacks {' and '.join(missing)}")
+    return Signer.of(Path(files["certificates"]), Path(files["key"]), files.get("tsa"))
 
 
 def _trusted(options: Mapping[str, Any]) -> bool:

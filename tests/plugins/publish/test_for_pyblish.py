@@ -15,7 +15,9 @@ import pytest
 from shots import KEY, QUICK, ball, is_marked, key_file, shot, square, tiny, write
 
 import meshmark
+from certificates import Holder
 from command_line import command
+from meshmark.c2pa.checking import check_file
 from meshmark.embedding.file import mark_file
 from meshmark.embedding.manifest import manifest_path, output_hashes, remark
 from meshmark.errors import WorkerError
@@ -154,6 +156,47 @@ def test_a_marked_file_is_nobody_elses_copy(studio, walk) -> None:
     studio.published.mkdir()
     assert "is marked for acme, not for globex" in studio.publish()[0]
     assert studio.there() == []
+
+
+def test_credentials_are_published_with_the_file_they_are_of(studio, walk, monkeypatch) -> None:
+    pytest.importorskip("c2pa", reason="c2pa-python is not installed")
+    certificates, key = Holder.named("publishing", signs=True).save(studio.folder, "signer")
+    signs = {"certificates": str(certificates), "key": str(key)}
+    unsigned = studio.add(walk)
+    assert studio.publish() == []
+    for plugin in (ValidateCapacity, MarkMeshes):
+        monkeypatch.setattr(plugin, "options", {**QUICK, "c2pa": signs})
+    # What was marked before comes in again, without credentials.
+    assert unsigned.data["representations"][0]["files"] == "walk.marked.usdc"
+    shutil.rmtree(studio.published)
+    studio.published.mkdir()
+    assert "is marked, but not signed" in studio.publish()[0]
+    assert studio.there() == []
+    studio.context[:] = []
+    instance = studio.add(walk)
+    assert studio.publish() == []
+    output, sidecar = studio.published / "walk.marked.usdc", studio.published / "walk.marked.c2pa"
+    assert studio.there() == [sidecar.name, output.name, f"{output.name}.meshmark.json"]
+    assert not check_file(output, sidecar, certificates).problems
+    assert [each["ext"] for each in instance.data["representations"]] == ["usdc", "json", "c2pa"]
+    # It is signed already.
+    before = sidecar.read_bytes()
+    assert studio.publish() == []
+    assert sidecar.read_bytes() == before
+    assert [each["ext"] for each in instance.data["representations"]] == ["usdc", "json", "c2pa"]
+
+
+def test_whoever_cannot_sign_publishes_nothing(studio, walk, monkeypatch) -> None:
+    pytest.importorskip("c2pa", reason="c2pa-python is not installed")
+    for signs, reason in (
+        ({"certificates": "nowhere.pem", "key": "nowhere.key"}, "nowhere.pem"),
+        ({"certificates": "nowhere.pem"}, "the option c2pa lacks key"),
+    ):
+        monkeypatch.setattr(MarkMeshes, "options", {**QUICK, "c2pa": signs})
+        studio.context[:] = []
+        studio.add(walk)
+        assert reason in studio.publish()[0]
+        assert studio.there() == []
 
 
 @pytest.mark.slow

@@ -12,7 +12,8 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from shots import KEY, QUICK, is_marked, key_file, shot, tiny
 
-from meshmark.errors import CapacityError
+from certificates import Holder
+from meshmark.errors import CapacityError, InputError, UsageError
 from meshmark.ledger.store import Ledger, init
 from meshmark_plugins.publish import marking
 
@@ -84,6 +85,22 @@ def test_the_ledger_has_the_place_that_the_publisher_tells(hook, settings, tmp_p
     hook.publish(settings, item(shot(tmp_path / "walk.usdc"), publish_path=place))
     [entry] = Ledger(str(tmp_path / "l")).entries()
     assert entry["output"] == place
+
+
+def test_whoever_is_to_sign_must_be_able_to(hook, settings, tmp_path) -> None:
+    pytest.importorskip("c2pa", reason="c2pa-python is not installed")
+    walk = item(shot(tmp_path / "walk.usdc"))
+    settings["Meshmark C2PA Certificates"].value = str(tmp_path / "signer.pem")
+    with pytest.raises(UsageError, match="the option c2pa lacks key"):
+        hook.publish(settings, walk)
+    settings["Meshmark C2PA Key"].value = str(tmp_path / "signer.key")
+    assert not hook.validate(settings, walk)
+    with pytest.raises(InputError, match=r"signer\.pem"):
+        hook.publish(settings, walk)
+    Holder.named("publishing", signs=True).save(tmp_path, "signer")
+    assert hook.validate(settings, walk)
+    hook.publish(settings, walk)
+    assert (tmp_path / "walk.marked.c2pa").exists()
 
 
 def test_what_cannot_be_marked_does_not_get_to_the_hook_below(hook, settings, tmp_path) -> None:
