@@ -94,14 +94,21 @@ def relief() -> MarkedAsset:
     return embed(horned(), KEY, recipe=[Recipe("relief")])
 
 
-def checked(written: Asset, marked: MarkedAsset, key: Key) -> Verdict:
+def checked(
+    written: Asset,
+    marked: MarkedAsset,
+    key: Key,
+    scheme: str = "relief",
+    *,
+    check_all: bool = False,
+) -> Verdict:
     return verify_written(
         written,
         marked,
         key,
-        [Recipe("relief")],
+        [Recipe(scheme)],
         recipient=None,
-        check_all=False,
+        check_all=check_all,
         jobs=1,
         progress=None,
     )
@@ -121,3 +128,20 @@ def test_what_was_written_is_looked_for_where_it_says_nothing_there(relief) -> N
     assert checked(elsewhere, relief, KEY).verdict == "marked"
     bare = checked(as_asset(horned()), relief, KEY)
     assert bare.verdict == "not marked"
+
+
+def test_few_frames_are_read_alone_if_they_prove_the_mark(monkeypatch) -> None:
+    W, G = icosphere(3)
+    grown = np.linspace(1.0, 2.0, 14)[:, None, None] * np.eye(3)[0] + np.array([0.0, 1.0, 1.3])
+    moving = MeshAnimation.from_arrays(grown * W, G)
+    marked = embed(moving, KEY, recipe=[Recipe("cho2007")])
+
+    def frames(key: Key, **options: bool) -> int:
+        [prim] = checked(marked.asset, marked, key, "cho2007", **options).prims
+        return len(prim.times)
+
+    assert frames(KEY) < 6
+    assert frames(OTHER) == FRAMES
+    assert frames(KEY, check_all=True) == 14
+    monkeypatch.setattr("meshmark.embedding.checks.PROVEN", -1000.0)
+    assert frames(KEY) == FRAMES
