@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, csr_matrix, diags_array
+from scipy.sparse import csr_matrix, diags_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.sparse.linalg import splu
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.closest_points import closest_in_triangle
+from meshmark.mesh.factors import SymmetricFactor, elimination_order
 from meshmark.mesh.geometry import lengths, vertex_areas, vertex_normals
-from meshmark.mesh.topology import boundary_edges, edges, face_components
+from meshmark.mesh.prolongation import prolongation
+from meshmark.mesh.remembered import read_only
+from meshmark.mesh.topology import counted_edges, face_components
 
 # Rounds in which samples move to the middle of what is nearest to them.
 LLOYD_ROUNDS = 2
@@ -53,6 +54,9 @@ class Proxy:
     prolongation: csr_matrix
     weights: FloatArray
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "faces", read_only(self.faces))
+
     def fit(self, V: FloatArray) -> FloatArray:
         """Fit the coarse mesh to a pose V (N, 3) of the fine one, (n, 3), by least squares.
 
@@ -72,28 +76,17 @@ class Proxy:
         return Proxy, (self.samples, self.faces, self.prolongation, self.weights)
 
     @cached_property
+    def order(self) -> IntArray:
+        """The order of its vertices in which factors stay sparse, (n,)."""
+        return elimination_order(self.faces, len(self.samples))
+
+    @cached_property
     def _restriction(self) -> csr_matrix:
         return csr_matrix(self.prolongation.T @ diags_array(self.weights))
 
     @cached_property
-    def _factor(self) -> Any:
-        return symmetric_factor(self._restriction @ self.prolongation)
-
-
-def symmetric_factor(A: Any) -> Any:
-    """Factor a sparse symmetric positive definite matrix (n, n); the result has a `solve`.
-
-    Raises
-    ------
-    RuntimeError
-        If the matrix is singular.
-    """
-    return splu(
-        csc_matrix(A),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    def _factor(self) -> SymmetricFactor:
+        return SymmetricFactor(self._restriction @ self.prolongation, self.order)
 
 
 def build_proxy(V: FloatArray, F: IntArray, n_samples: int) -> Proxy | None:
@@ -128,9 +121,10 @@ def build_proxy(V: FloatArray, F: IntArray, n_samples: int) -> Proxy | None:
     if not 0.0 < areas.sum() < np.inf:
         return None
     weights = np.maximum(areas, MIN_WEIGHT_SHARE * areas.mean())
+    E, uses = counted_edges(F)
     border = np.zeros(len(V), dtype=bool)
-    border[boundary_edges(F)] = True
-    graph = _edge_graph(V, F)
+    border[E[uses == 1]] = True
+    graph = _edge_graph(V, E)
     samples = _spread(V, F, weights, border, n_samples)
     for _ in range(LLOYD_ROUNDS):
         samples = _middles(V, weights, border, _nearest(graph, samples))
@@ -145,16 +139,15 @@ def build_proxy(V: FloatArray, F: IntArray, n_samples: int) -> Proxy | None:
         return None
     if not len(faces) or face_components(faces).any():
         return None
-    prolongation = _prolongation(V, samples, faces, nearest)
-    gaps = lengths(prolongation @ V[samples] - V)
+    P = prolongation(V, samples, faces, nearest)
+    gaps = lengths(P @ V[samples] - V)
     if gaps.max() > MAX_GAP * np.sqrt(areas.sum() / len(samples)):
         return None
-    return Proxy(samples, faces, prolongation, weights)
+    return Proxy(samples, faces, P, weights)
 
 
-def _edge_graph(V: FloatArray, F: IntArray) -> csr_matrix:
-    """Lengths of edges between the vertices they join, (N, N) sparse."""
-    E = edges(F)
+def _edge_graph(V: FloatArray, E: IntArray) -> csr_matrix:
+    """Lengths of edges (E, 2) between the vertices they join, (N, N) sparse."""
     i, j = np.concatenate([E, E[:, ::-1]]).T
     length = lengths(V[i] - V[j])
     # An edge without length joins vertices all the same.
@@ -201,8 +194,14 @@ def _middles(
     part, mass, P = part[able], weights[able], V[able]
     total = np.bincount(part, mass, n)
     centre = np.stack([np.bincount(part, mass * x, n) / total for x in P.T], axis=1)
-    order = np.lexsort((lengths(P - centre[part]), part))
-    return able[order[np.searchsorted(part[order], np.arange(n))]]
+    away = lengths(P - centre[part])
+    least = np.full(n, np.inf)
+    np.minimum.at(least, part, away)
+    # Backwards, so that the first of several stays.
+    nearest = np.flatnonzero(away == least[part])[::-1]
+    middles = np.empty(n, dtype=np.int64)
+    middles[part[nearest]] = able[nearest]
+    return middles
 
 
 def _nearest(graph: csr_matrix, samples: IntArray) -> IntArray:
@@ -233,35 +232,3 @@ def _dual_triangles(nearest: IntArray, F: IntArray) -> IntArray:
     up = balance > 0
     triangles = np.stack([low, np.where(up, middle, high), np.where(up, high, middle)], axis=1)
     return triangles[balance != 0]
-
-
-def _prolongation(
-    V: FloatArray, samples: IntArray, faces: IntArray, nearest: IntArray
-) -> csr_matrix:
-    """Place each vertex in the closest triangle about its own sample, (N, n) sparse.
-
-    Not in the closest of all: across an ear, that is one of the other side.
-    """
-    by_corner = np.argsort(faces.ravel(), kind="stable") // 3
-    degree = np.bincount(faces.ravel(), minlength=len(samples))
-    first = np.cumsum(degree) - degree
-    count = degree[nearest]
-    # A sample is a corner of all of its triangles; one will do.
-    count[samples] = 1
-    gaps, places = np.full(len(V), np.inf), np.empty((len(V), 3))
-    faces_of = np.empty(len(V), dtype=np.int64)
-    # One triangle of each vertex at a time: all at once would take much memory.
-    for turn in range(int(count.max())):
-        rows = np.flatnonzero(count > turn)
-        face = by_corner[first[nearest[rows]] + turn]
-        a, b, c = (V[samples[corner]] for corner in faces[face].T)
-        share = closest_in_triangle(V[rows], a, b, c)
-        u, v, w = share.T[:, :, None]
-        gap = lengths(u * a + v * b + w * c - V[rows])
-        nearer = gap < gaps[rows]
-        rows = rows[nearer]
-        gaps[rows], places[rows], faces_of[rows] = gap[nearer], share[nearer], face[nearer]
-    start = 3 * np.arange(len(V) + 1)
-    return csr_matrix(
-        (places.ravel(), faces[faces_of].ravel(), start), shape=(len(V), len(samples))
-    )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
+from meshmark.mesh.remembered import read_only, remembered
 
 if TYPE_CHECKING:
     # scipy is imported where it is needed: who only reads a mesh has read it in less time.
@@ -45,7 +46,7 @@ def triangulate(counts: IntArray, indices: IntArray) -> IntArray:
 
 def edges(F: IntArray) -> IntArray:
     """List each undirected edge once, (E, 2) int, lower index first, sorted."""
-    return _counted_edges(F)[0]
+    return counted_edges(F)[0]
 
 
 def polygon_edges(counts: IntArray, indices: IntArray) -> tuple[IntArray, IntArray]:
@@ -99,19 +100,27 @@ def face_adjacency(F: IntArray) -> tuple[IntArray, IntArray]:
 
 def boundary_edges(F: IntArray) -> IntArray:
     """List the edges that belong to exactly one face, (B, 2) int."""
-    unique, count = _counted_edges(F)
+    unique, count = counted_edges(F)
     return unique[count == 1]
 
 
-def _counted_edges(F: IntArray) -> tuple[IntArray, IntArray]:
-    """List each edge once, with the number of triangle sides that are that edge."""
+@remembered
+def counted_edges(F: IntArray) -> tuple[IntArray, IntArray]:
+    """List each undirected edge once, with the number of triangle sides that are that edge.
+
+    Returns
+    -------
+    edges : (E, 2) int
+        As `edges` lists them.
+    uses : (E,) int
+    """
     a, b = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64).T
     low, high = np.minimum(a, b), np.maximum(a, b)
     proper = low != high
     # One number an edge: sorting numbers is several times quicker than sorting rows.
     n = int(high.max(initial=0)) + 1
     code, count = np.unique(low[proper] * n + high[proper], return_counts=True)
-    return np.stack([code // n, code % n], axis=1), count
+    return read_only(np.stack([code // n, code % n], axis=1)), read_only(count)
 
 
 def any_corner(vertices: NDArray[np.bool_], F: IntArray) -> NDArray[np.bool_]:
@@ -162,10 +171,15 @@ def face_components(F: IntArray, labels: IntArray | None = None) -> IntArray:
     labels : (F,) int, optional
         If given, two faces are connected only where they also share a label.
     """
+    if labels is None:
+        return _connected_faces(F)
     pairs, _ = face_adjacency(F)
-    if labels is not None:
-        pairs = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
-    return graph_components(pairs, len(F))
+    return graph_components(pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]], len(F))
+
+
+@remembered
+def _connected_faces(F: IntArray) -> IntArray:
+    return read_only(graph_components(face_adjacency(F)[0], len(F)))
 
 
 def weld(V: FloatArray, F: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
@@ -271,8 +285,11 @@ class Topology:
 
     @cached_property
     def triangles(self) -> IntArray:
-        """Polygons as a fan of triangles, (F, 3) int, in polygon order."""
-        return triangulate(self.counts, self.indices)
+        """Polygons as a fan of triangles, (F, 3) int, in polygon order; they cannot be written to.
+
+        What was found out about them is `remembered`.
+        """
+        return read_only(triangulate(self.counts, self.indices))
 
     def digest(self) -> bytes:
         """Return what is equal for topologies that are the same."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.remembered import read_only, remembered
 from meshmark.mesh.topology import boundary_edges, face_components
 
 # Smaller components (eyes, buttons) have no tips of their own worth marking.
@@ -47,12 +48,12 @@ def large_components(V: FloatArray, F: IntArray, label: IntArray | None = None) 
     list of Component
         The largest first; of equal ones, the one whose first triangle comes first.
     """
-    label = face_components(F) if label is None else label
-    areas = np.bincount(label, face_areas(V, F))
+    pieces = _pieces(F) if label is None else _Pieces(label)
+    areas = np.bincount(pieces.label, face_areas(V, F))
     large = np.flatnonzero(areas >= MIN_COMPONENT_AREA_SHARE * areas.sum())
-    first = np.array([int(np.argmax(label == number)) for number in large])
+    first = np.array([int(np.argmax(pieces.label == number)) for number in large])
     ordered = large[np.lexsort((first, -areas[large]))]
-    return [_component(F[label == number]) for number in ordered]
+    return [pieces.component(number, F) for number in ordered.tolist()]
 
 
 def shared_root_areas(V: FloatArray, components: list[Component]) -> list[float]:
@@ -75,6 +76,27 @@ def reference_root_area(V: FloatArray, F: IntArray) -> float:
     return shared_root_areas(V, large_components(V, F))[0]
 
 
-def _component(F: IntArray) -> Component:
-    vertices, local = np.unique(F, return_inverse=True)
-    return Component(vertices, local.reshape(-1, 3))
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """The components of some triangles, each listed when it is asked for, and only once.
+
+    Parameters
+    ----------
+    label : (F,) int
+        Component of each triangle.
+    """
+
+    label: IntArray
+    _listed: dict[int, Component] = field(default_factory=dict)
+
+    def component(self, number: int, F: IntArray) -> Component:
+        """Return the component that the triangles F (F, 3) with this label make up."""
+        if number not in self._listed:
+            vertices, local = np.unique(F[self.label == number], return_inverse=True)
+            self._listed[number] = Component(vertices, read_only(local.reshape(-1, 3)))
+        return self._listed[number]
+
+
+@remembered
+def _pieces(F: IntArray) -> _Pieces:
+    return _Pieces(face_components(F))

@@ -8,9 +8,10 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
+from meshmark.mesh.factors import SymmetricFactor
 from meshmark.mesh.geometry import area_vectors, face_areas, lengths, normalized, vertex_areas
 from meshmark.mesh.laplacian import stiffness_matrix
-from meshmark.mesh.proxy import Proxy, symmetric_factor
+from meshmark.mesh.proxy import Proxy
 from meshmark.mesh.topology import vertex_components
 from meshmark_plugins.schemes.apex.anchors.boundary_extension import extend_boundary
 from meshmark_plugins.schemes.apex.anchors.geodesics import (
@@ -46,6 +47,8 @@ class EvenMeshDistances:
         Triangles, turned alike.
     unit : float
         Length in which distances are given.
+    order : (n,) int, optional
+        An order of the vertices in which factors stay sparse, if one is known.
 
     Raises
     ------
@@ -64,18 +67,22 @@ class EvenMeshDistances:
        Graphics 32 (2013). doi:10.1145/2516971.2516977
     """
 
-    def __init__(self, V: FloatArray, F: IntArray, unit: float) -> None:
+    def __init__(
+        self, V: FloatArray, F: IntArray, unit: float, order: IntArray | None = None
+    ) -> None:
         root_area = float(np.sqrt(face_areas(V, F).sum()))
         if root_area == 0.0:
             raise CapacityError("the surface has no area")
         self._V, self._units = (V - V.mean(axis=0)) / root_area, root_area / unit
         U, F = extend_boundary(self._V, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH)
         self._n_solved = len(U)
+        # What a border was extended by is in no order.
+        order = None if len(U) > len(V) else order
         mass = diags_array(vertex_areas(U, F))
         L = stiffness_matrix(F, _half_cotangents(U, F), len(U))
         try:
-            self._heat = symmetric_factor(mass + DIFFUSION_LENGTH**2 * L)
-            self._poisson = symmetric_factor(L + POISSON_SHIFT * mass)
+            self._heat = SymmetricFactor(mass + DIFFUSION_LENGTH**2 * L, order)
+            self._poisson = SymmetricFactor(L + POISSON_SHIFT * mass, order)
         except RuntimeError as error:
             raise CapacityError("distances cannot be measured: a singular matrix") from error
         self._gradient = _scaled_gradient(U, F)
@@ -139,7 +146,7 @@ class ProxyDistances:
         if self.root_area == 0.0:
             raise CapacityError("the surface has no area")
         self.proxy, self.V = proxy, proxy.fit(V)
-        self.on_proxy = EvenMeshDistances(self.V, proxy.faces, self.root_area)
+        self.on_proxy = EvenMeshDistances(self.V, proxy.faces, self.root_area, proxy.order)
         self._of_mesh = V / self.root_area, F
         own_area = face_areas(self.V, proxy.faces).sum()
         self._spacing = float(np.sqrt(own_area / len(self.V))) / self.root_area
@@ -186,7 +193,8 @@ class ProxyDistances:
 
 def _patch(F: IntArray, inside: NDArray[np.bool_], source: int) -> tuple[IntArray, IntArray]:
     """Cut the triangles about a vertex that are inside: vertices (k,), and triangles of those."""
-    faces = F[inside[F].all(axis=1)]
+    a, b, c = F.T
+    faces = F[inside[a] & inside[b] & inside[c]]
     vertices, local = np.unique(faces, return_inverse=True)
     local = local.reshape(-1, 3)
     at = int(np.searchsorted(vertices, source))
