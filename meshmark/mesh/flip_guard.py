@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix, vstack
+from scipy.sparse.csgraph import dijkstra
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.kernels import compiled
 from meshmark.mesh.topology import any_corner, edges
@@ -16,9 +18,17 @@ HALVINGS = 6
 # A face may tilt by at most this cosine (about 75 degrees) before its corners are held back:
 # short of 90 degrees, so that later rounding to float32 cannot complete the turn.
 LEAST_COSINE = 0.25
+# Stands for no difference between shares, where a graph knows no arc without length.
+NO_SLOPE = 1e-12
 
 
-def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH) -> FloatArray:
+def restrain(
+    V: FloatArray,
+    moved: FloatArray,
+    F: IntArray,
+    reach: float = REACH,
+    ramp: float = 0.0,
+) -> FloatArray:
     """Shorten moves until none is longer than `reach` edges, and no face of area turns over.
 
     Parameters
@@ -29,6 +39,9 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
         Triangles.
     reach : float
         Longest move, in mean lengths of the vertex's edges; inf for any.
+    ramp : float
+        Way, in moves, over which they are shortened about a vertex that is held back; see
+        `allowed_shares`.
 
     Returns
     -------
@@ -36,7 +49,7 @@ def restrain(V: FloatArray, moved: FloatArray, F: IntArray, reach: float = REACH
         Positions between `V` and `moved`: a long move is cut; the moves of an offending face's
         corners are halved a few times, then dropped.
     """
-    return V + allowed_shares(V, moved, F, reach)[:, None] * (moved - V)
+    return V + allowed_shares(V, moved, F, reach, ramp=ramp)[:, None] * (moved - V)
 
 
 def allowed_shares(
@@ -45,6 +58,7 @@ def allowed_shares(
     F: IntArray,
     reach: float = REACH,
     least_cosine: float = LEAST_COSINE,
+    ramp: float = 0.0,
 ) -> FloatArray:
     """Share of its move that `restrain` leaves each vertex, (N,) float64 in [0, 1].
 
@@ -52,65 +66,82 @@ def allowed_shares(
     ----------
     least_cosine : float
         Of the angle by which a face may turn.
+    ramp : float
+        Along an edge, shares differ by no more than its length over so many moves; 0 for any
+        difference. Where moves are longer than edges, one vertex that stayed would turn over the
+        faces about it, its neighbours be held back for that, and so on over the whole surface.
     """
     share = np.ones(len(V))
     if np.isfinite(reach):
         length = lengths(moved - V)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
-    return untilted_shares(V, moved, F, share, least_cosine, HALVINGS)
+    slopes: csr_matrix | None = None
+    # Only faces about vertices whose share has changed can offend.
+    changed = np.ones(len(V), dtype=bool)
+    turn = 0
+    while (offending := tilted_corners(V, moved, F, share, changed, least_cosine)).any():
+        # Dropping a corner's move may tilt a neighbour that leaned on it: each turn drops more
+        # vertices, and with none moved nothing offends.
+        before, share = share, np.where(offending, 0.5 * share if turn < HALVINGS else 0.0, share)
+        if ramp > 0.0:
+            slopes = _slopes(V, moved, F, ramp) if slopes is None else slopes
+            share = _ramped(share, slopes)
+        changed = share != before
+        turn += 1
+    return share
 
 
 @compiled
-def untilted_shares(
+def tilted_corners(
     V: FloatArray,
     moved: FloatArray,
     F: IntArray,
     share: FloatArray,
+    changed: BoolArray,
     least_cosine: float,
-    halvings: int,
-) -> FloatArray:
-    """Halve the shares (N,) of offending faces' corners so many times, then drop their moves."""
-    share = share.copy()
-    tilts = _Tilts(V, moved, F, least_cosine)
-    suspects = np.arange(len(F))
-    for _ in range(halvings):
-        corners = tilts.offending_corners(share, suspects)
-        share[corners] *= 0.5
-        suspects = _faces_of(corners, F, len(V))
-    # Dropping a corner's move may tilt a neighbour that leaned on it: each pass drops more
-    # vertices, and with none moved nothing offends.
-    while (corners := tilts.offending_corners(share, suspects)).size:
-        share[corners] = 0.0
-        suspects = _faces_of(corners, F, len(V))
-    return share
+) -> BoolArray:
+    """Find the corners of faces that tilt too far if vertices go these shares (N,) of their ways.
+
+    Returns
+    -------
+    (N,) bool
+        Of those faces that have a corner in `changed` (N,), and one that moves.
+    """
+    move = moved - V
+    faces = F[any_corner(changed, F)]
+    faces = faces[any_corner(move.any(axis=1) & (share > 0.0), faces)]
+    before = face_normals(V, faces)
+    after = normals_of(*(V[i] + share[i, None] * move[i] for i in faces.T))
+    dot = np.einsum("ij,ij->i", before, after)
+    offending = np.zeros(len(V), dtype=bool)
+    offending[faces[dot < least_cosine * (lengths(before) * lengths(after))]] = True
+    return offending
 
 
-class _Tilts:
-    """Tells which faces tilt too far; asked of few faces once most are known not to."""
-
-    def __init__(self, V: FloatArray, moved: FloatArray, F: IntArray, least_cosine: float) -> None:
-        self._V, self._move, self._F = V, moved - V, F
-        self._least_cosine = least_cosine
-        self._moved = lengths(self._move) > 0.0
-        self._before = face_normals(V, F)
-        self._length = lengths(self._before)
-
-    def offending_corners(self, share: FloatArray, faces: IntArray) -> IntArray:
-        """List the corners of those of some faces that offend when moves are shortened so."""
-        faces = faces[any_corner(self._moved & (share > 0.0), self._F[faces])]
-        F = self._F[faces]
-        after = normals_of(*(self._V[i] + share[i, None] * self._move[i] for i in F.T))
-        dot = np.einsum("ij,ij->i", self._before[faces], after)
-        size = self._length[faces] * lengths(after)
-        return np.unique(F[dot < self._least_cosine * size])
+def _slopes(V: FloatArray, moved: FloatArray, F: IntArray, ramp: float) -> csr_matrix:
+    """By how much shares may differ along edges, (N, N) sparse; only where that is below 1."""
+    E, move = edges(F), lengths(moved - V)
+    length = lengths(V[E[:, 1]] - V[E[:, 0]])
+    way = ramp * move[E].max(axis=1)
+    steep = length < way
+    E, slope = E[steep], length[steep] / way[steep]
+    # An edge without length joins vertices all the same.
+    slope = np.maximum(slope, NO_SLOPE)
+    return csr_matrix((slope, (E[:, 0], E[:, 1])), shape=(len(V), len(V)))
 
 
-def _faces_of(vertices: IntArray, F: IntArray, n_points: int) -> IntArray:
-    """List the faces that have one of the vertices for a corner."""
-    chosen = np.zeros(n_points, dtype=bool)
-    chosen[vertices] = True
-    return np.flatnonzero(any_corner(chosen, F))
+def _ramped(share: FloatArray, slopes: csr_matrix) -> FloatArray:
+    """Lower shares (N,) until none is larger than a neighbour's by more than it may be."""
+    n, held = len(share), np.flatnonzero(share < 1.0)
+    # From one more node to those held back, it is as far as their shares.
+    start = csr_matrix(
+        (np.maximum(share[held], NO_SLOPE), (np.zeros(len(held), dtype=np.int64), held)), (1, n)
+    )
+    graph = csr_matrix(vstack([slopes, start]))
+    graph.resize(n + 1, n + 1)
+    reached: FloatArray = dijkstra(graph, directed=False, indices=n, limit=1.0)
+    return np.minimum(share, reached[:n])
 
 
 def mean_edge_lengths(V: FloatArray, F: IntArray) -> FloatArray:

@@ -7,9 +7,8 @@ stand in for, say what they do.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.mesh.geometry import FLAT, TINY
 from meshmark.mesh.kernels import compile_loop
 
@@ -195,7 +194,7 @@ def fitted_gradients(
     neighbours: IntArray,
     share: FloatArray,
     axes: FloatArray,
-    known: NDArray[np.bool_],
+    known: BoolArray,
 ) -> FloatArray:
     """Do what the function in `meshmark.mesh.deformation` does."""
     n = len(start) - 1
@@ -227,52 +226,38 @@ def fitted_gradients(
 
 
 @compile_loop
-def untilted_shares(
+def tilted_corners(
     V: FloatArray,
     moved: FloatArray,
     F: IntArray,
     share: FloatArray,
+    changed: BoolArray,
     least_cosine: float,
-    halvings: int,
-) -> FloatArray:
+) -> BoolArray:
     """Do what the function in `meshmark.mesh.flip_guard` does."""
-    share = share.copy()
     n = len(V)
-    moves = np.zeros(n, np.bool_)
+    moves, offending = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     for v in range(n):
-        moves[v] = V[v, 0] != moved[v, 0] or V[v, 1] != moved[v, 1] or V[v, 2] != moved[v, 2]
-    # Only faces about vertices whose share has changed can offend.
-    changed, offends = np.ones(n, np.bool_), np.zeros(n, np.bool_)
+        moves[v] = share[v] > 0.0 and (
+            V[v, 0] != moved[v, 0] or V[v, 1] != moved[v, 1] or V[v, 2] != moved[v, 2]
+        )
     X = np.empty((3, 3))
-    turn, done = 0, False
-    while not done:
-        done = True
-        for f in range(len(F)):
-            a, b, c = F[f, 0], F[f, 1], F[f, 2]
-            if not (changed[a] or changed[b] or changed[c]):
-                continue
-            for k in range(3):
-                v = F[f, k]
-                for x in range(3):
-                    X[k, x] = V[v, x] + share[v] * (moved[v, x] - V[v, x])
-            if not (
-                (moves[a] and share[a] > 0.0)
-                or (moves[b] and share[b] > 0.0)
-                or (moves[c] and share[c] > 0.0)
-            ):
-                continue
-            px, py, pz = _normal(V, a, b, c)
-            qx, qy, qz = _normal(X, 0, 1, 2)
-            size = _length(px, py, pz) * _length(qx, qy, qz)
-            if px * qx + py * qy + pz * qz < least_cosine * size:
-                offends[a] = offends[b] = offends[c] = True
-                done = False
-        for v in range(n):
-            if offends[v]:
-                share[v] = 0.5 * share[v] if turn < halvings else 0.0
-            changed[v], offends[v] = offends[v], False
-        turn += 1
-    return share
+    for f in range(len(F)):
+        a, b, c = F[f, 0], F[f, 1], F[f, 2]
+        if not (changed[a] or changed[b] or changed[c]):
+            continue
+        if not (moves[a] or moves[b] or moves[c]):
+            continue
+        for k in range(3):
+            v = F[f, k]
+            for x in range(3):
+                X[k, x] = V[v, x] + share[v] * (moved[v, x] - V[v, x])
+        px, py, pz = _normal(V, a, b, c)
+        qx, qy, qz = _normal(X, 0, 1, 2)
+        size = _length(px, py, pz) * _length(qx, qy, qz)
+        if px * qx + py * qy + pz * qz < least_cosine * size:
+            offending[a] = offending[b] = offending[c] = True
+    return offending
 
 
 @compile_loop

@@ -25,7 +25,7 @@ MESHES = [plane(7), icosphere(2), torus(12, 9)]
 # Functions that a loop stands in for.
 TWINS = [
     deformation.fitted_gradients,
-    flip_guard.untilted_shares,
+    flip_guard.tilted_corners,
     gradients.growth_directions,
     sliding.both_spreads,
 ]
@@ -65,11 +65,12 @@ def test_gradients(crumpled):
 
 @given(crumpled_meshes(), st.floats(0.1, 2.0), st.sampled_from([0.25, 0.94]))
 @settings(max_examples=30)
-def test_shares(crumpled, size, least_cosine):
+def test_tilted_corners(crumpled, size, least_cosine):
     V, F, rng = crumpled
     moved = V + size * edge_length(V, F) * rng.normal(size=V.shape)
     moved[: len(V) // 2] = V[: len(V) // 2]
-    agree(flip_guard.untilted_shares, V, moved, F, np.ones(len(V)), least_cosine, 6)
+    share, changed = rng.choice([0.0, 0.5, 1.0], len(V)), rng.random(len(V)) < 0.5
+    agree(flip_guard.tilted_corners, V, moved, F, share, changed, least_cosine)
 
 
 @given(crumpled_meshes())

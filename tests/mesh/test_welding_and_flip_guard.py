@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 
 from meshmark.errors import CapacityError
 from meshmark.mesh.animation import Frame
-from meshmark.mesh.flip_guard import REACH, face_normals, mean_edge_lengths, restrain
-from meshmark.mesh.topology import Topology
+from meshmark.mesh.flip_guard import (
+    REACH,
+    allowed_shares,
+    face_normals,
+    mean_edge_lengths,
+    restrain,
+)
+from meshmark.mesh.topology import Topology, edges
 from meshmark.mesh.welding import MOST_AROUND, Welding
 from meshmark.testing.meshes import icosphere, side_by_side
 
@@ -95,6 +101,26 @@ def test_harmless_moves_are_left_alone() -> None:
     V, F = grid(5)
     moved = V + 0.05 * np.random.default_rng(1).uniform(-1, 1, size=V.shape)
     np.testing.assert_allclose(restrain(V, moved, F), moved, atol=1e-15)
+
+
+@pytest.mark.parametrize("n", [11, 41, 121])
+def test_one_vertex_that_is_held_back_stops_no_more_of_a_finer_mesh(n) -> None:
+    """Its neighbours' moves, longer than edges, must not turn faces over, nor all be dropped."""
+    V, F = grid(n)
+    V /= n - 1
+    slide = 0.05 * np.sin(np.pi * V[:, :1]) * np.sin(np.pi * V[:, 1:2]) * [1.0, 0.0, 0.0]
+    middle = len(V) // 2
+    slide[middle] *= -1.0
+    ramp = 3.0
+    share = allowed_shares(V, V + slide, F, np.inf, ramp=ramp)
+    kept = V + share[:, None] * slide
+    assert np.all(np.einsum("ij,ij->i", face_normals(V, F), face_normals(kept, F)) > 0)
+    # What is held back is a disc with a radius of about three moves, however fine the mesh.
+    assert share[middle] < 0.5 or n == 11
+    assert share.mean() > 0.97
+    a, b = edges(F).T
+    way = ramp * np.maximum(abs(slide[a, 0]), abs(slide[b, 0]))
+    assert np.all(abs(share[a] - share[b]) * way <= np.linalg.norm(V[a] - V[b], axis=1) + 1e-9)
 
 
 def fan(n: int) -> tuple[np.ndarray, np.ndarray]:

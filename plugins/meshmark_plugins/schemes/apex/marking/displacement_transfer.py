@@ -16,6 +16,10 @@ from meshmark.mesh.proxy import Proxy
 from meshmark.mesh.topology import face_components
 from meshmark.mesh.triangle_search import search_order
 
+# Way, in moves, over which moves grow about a vertex that must not move: a third of their length
+# an own length, which is far from turning a face over.
+RAMP = 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class DisplacementTransfer:
@@ -95,7 +99,7 @@ class DisplacementTransfer:
             How much of its move that left each vertex.
         """
         wanted = original.points(P + self.moves(P, d, shares))
-        share = allowed_shares(P, wanted, self.F, np.inf)
+        share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)
         return P + share[:, None] * (wanted - P), share
 
     def moves(self, P: FloatArray, d: FloatArray, shares: FloatArray | float = 1.0) -> FloatArray:

@@ -21,7 +21,10 @@ from meshmark_plugins.schemes.apex.anchors.track import (
     anchors_in_poses,
     lasting_anchors,
 )
-from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
+from meshmark_plugins.schemes.apex.marking.displacement_transfer import (
+    RAMP,
+    DisplacementTransfer,
+)
 from meshmark_plugins.schemes.apex.marking.fit_to_surface import fit_to_surface
 from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keyframes
 from meshmark_plugins.schemes.apex.marking.marked_anchors import (
@@ -80,7 +83,7 @@ class SurfacePlan:
         P, F = frame.points, frame.faces
         original = self.transfer.closest_points(P)
         X, _ = self.transfer.apply(P, self.displacement(index), original, self.share(index))
-        return restrain(P, fit_to_surface(X, F, original), F, np.inf)
+        return restrain(P, fit_to_surface(X, F, original), F, np.inf, RAMP)
 
     def displacement(self, index: int) -> FloatArray:
         """Blend the displacements of the keyframes before and after a frame, (3 n,)."""
