@@ -1,10 +1,11 @@
 """Verifies many suspects: by a command that is killed half way, on a cluster that loses a worker.
 
-    python benchmarks/batch.py [--suspects 1000] [--marked 50] [--broken 10] [--scheme cho2007]
+    python benchmarks/batch.py [--suspects 1000] [--marked 50] [--broken 10] [--scheme apex relief]
+        [--of creature cow horse] [VERIFY OPTIONS...]
 
-Suspects are single frames of the creature, the cow and the horse, as USD, glTF and OBJ: some marked
-for a recipient each, some broken, all others unmarked, moved and roughened. Prints what
-docs/batch.md tells.
+Suspects are single frames of some animations, as USD, glTF and OBJ, moved and roughened: some of
+the first one marked for a recipient each, some broken, all others unmarked. Schemes that need an
+original get the first one's. Prints what docs/batch.md tells.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,13 +35,16 @@ import meshmark
 from measuring import data_folder
 from meshmark.commands.attack import write_attacked
 from meshmark.demo import creature
+from meshmark.extension.defaults import DEFAULT_LAYERS
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 
 SUFFIXES = (".usdc", ".glb", "")
-POINTS = 3000
+ORIGINAL = "original.usdc"
+POINTS = 1500
+ANIMATIONS = {"cow": "pcow.usdc", "horse": "horse-gallop.usdc"}
 STRANGERS = 50
 WATCH_EVERY = 1.0  # seconds
 
@@ -60,23 +64,33 @@ def main() -> None:
     parser.add_argument("--suspects", type=int, default=1000)
     parser.add_argument("--marked", type=int, default=50)
     parser.add_argument("--broken", type=int, default=10)
-    parser.add_argument("--scheme", default="cho2007")
-    arguments = parser.parse_args()
+    parser.add_argument("--scheme", nargs="+", default=list(DEFAULT_LAYERS))
+    parser.add_argument("--of", nargs="+", choices=["creature", *ANIMATIONS], default=["creature"])
+    arguments, more = parser.parse_known_args()
+    layers = [Recipe(scheme) for scheme in arguments.scheme]
     work = Path(tempfile.mkdtemp(prefix="meshmark-bench-"))
     try:
-        made = make(
-            work, arguments.suspects, arguments.marked, arguments.broken, Recipe(arguments.scheme)
-        )
-        verify = ["verify", "suspects", "--key", "k", "--scheme", arguments.scheme]
-        verify += ["--recipient", "@names.txt"]
+        bases = [still_frame(name) for name in arguments.of]
+        made = make(work, bases, arguments.suspects, arguments.marked, arguments.broken, layers)
+        verify = ["verify", "suspects", "--key", "k", "--recipient", "@names.txt", *more]
+        verify += [word for scheme in arguments.scheme for word in ("--scheme", scheme)]
+        if any(layer.informed for layer in layers):
+            verify += ["--original", ORIGINAL]
         print(json.dumps({"processes": killed_and_resumed(work, made, verify)}), flush=True)
         print(json.dumps({"cluster": on_a_cluster(work, made, verify)}), flush=True)
     finally:
         shutil.rmtree(work)
 
 
-def make(work: Path, total: int, n_marked: int, n_broken: int, recipe: Recipe) -> Suspects:
-    """Write the suspects, a key and the names to try."""
+def make(
+    work: Path,
+    bases: Sequence[Asset],
+    total: int,
+    n_marked: int,
+    n_broken: int,
+    layers: Sequence[Recipe],
+) -> Suspects:
+    """Write the suspects, the original, a key and the names to try."""
     key = Key(bytes(range(32)))
     key.save(work / "k")
     names = [f"vendor {i}" for i in range(n_marked)]
@@ -85,38 +99,33 @@ def make(work: Path, total: int, n_marked: int, n_broken: int, recipe: Recipe) -
     folder = work / "suspects"
     folder.mkdir()
     rng = np.random.default_rng(1)
-    bases = list(still_frames())
+    write_attacked(bases[0], work / ORIGINAL)
     named: dict[str, str] = {}
     broken: set[str] = set()
     for place, number in enumerate(rng.permutation(total)):
         path = folder / f"{number:04d}{SUFFIXES[number % len(SUFFIXES)]}"
         base = bases[place % len(bases)]
         if place < n_marked:
-            copy = meshmark.embed(base, key, recipe=recipe, recipient=names[place]).asset
+            base = meshmark.embed(bases[0], key, recipe=layers, recipient=names[place]).asset
             named[str(path.relative_to(work))] = names[place]
-        else:
-            copy = disguised(base, rng)
-        write_attacked(copy, path)
+        write_attacked(disguised(base, rng), path)
         if n_marked <= place < n_marked + n_broken:
             break_file(path, place)
             broken.add(str(path.relative_to(work)))
     return Suspects(folder, named, frozenset(broken), total)
 
 
-def still_frames() -> Iterator[Asset]:
-    """Return one frame of each animation, with few points."""
-    data = data_folder()
-    animations = [creature(points=POINTS, frames=17)]
-    animations += [
-        meshmark.read(data / name).meshes[0] for name in ("pcow.usdc", "horse-gallop.usdc")
-    ]
-    for animation in animations:
-        frame = animation[0]
-        V, F = frame.points, frame.topology.triangles
-        if len(V) > 1.5 * POINTS:
-            V, F = simplify(V.astype(np.float32), F.astype(np.int32), 1.0 - POINTS / len(V))
-        mesh = MeshAnimation.from_arrays(V.astype(np.float64), F, prim="/Mesh")
-        yield Asset("memory", (mesh,), "memory")
+def still_frame(name: str) -> Asset:
+    """Return one frame of an animation, with few points."""
+    if name == "creature":
+        animation = creature(points=3000, frames=17)
+    else:
+        animation = meshmark.read(data_folder() / ANIMATIONS[name]).meshes[0]
+    frame = animation[0]
+    V, F = frame.points.astype(np.float32), frame.topology.triangles.astype(np.int32)
+    V, F = simplify(V, F, 1.0 - POINTS / len(V))
+    mesh = MeshAnimation.from_arrays(V.astype(np.float64), F, prim="/Mesh")
+    return Asset("memory", (mesh,), "memory")
 
 
 def disguised(asset: Asset, rng: np.random.Generator) -> Asset:
