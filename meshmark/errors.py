@@ -78,6 +78,10 @@ class NoExtentError(InputError):
     """A frame in which a mesh is scaled to nothing: it holds no mark, but is no fault either."""
 
 
+class TimeLimitError(InputError):
+    """A source that takes longer than it may."""
+
+
 class OutputError(MeshmarkError):
     """A place that cannot be written to."""
 

@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import complain, exit_code, frame_progress, put_json, say, warn
+from meshmark.cli.batch import (
+    Batch,
+    JobsOption,
+    JsonlOption,
+    ResumeOption,
+    SchedulerOption,
+    TimeoutOption,
+)
+from meshmark.cli.console import complain, put_json, say, warn
 from meshmark.cli.ledger import LedgerOption, opened
 from meshmark.cli.options import JsonOption, TrustedOption
-from meshmark.errors import MeshmarkError
 
 if TYPE_CHECKING:
     from meshmark.commands.identification import Candidate, Identification
+    from meshmark.commands.outcome import Outcome
 
 KEYS_VARIABLE, PATHS_VARIABLE = "MESHMARK_KEYS", "MESHMARK_PATHS"
 # Candidates that are printed.
@@ -24,7 +32,12 @@ MOST_SHOWN = 4
 def identify(
     suspects: Annotated[
         list[str],
-        typer.Argument(metavar="SUSPECT...", help="Copies to identify.", show_default=False),
+        typer.Argument(
+            metavar="SUSPECT|FOLDER|@LIST...",
+            help="Copies to identify; all in a FOLDER and below; patterns, in quotes; those that "
+            "a file names one a line (@@NAME for the file @NAME).",
+            show_default=False,
+        ),
     ],
     ledger: LedgerOption,
     fpr: Annotated[
@@ -50,12 +63,19 @@ def identify(
     ] = [],  # noqa: B006 (typer makes a new list each time)
     trusted: TrustedOption = False,
     json: JsonOption = False,
+    jsonl: JsonlOption = False,
+    resume: ResumeOption = None,
+    jobs: JobsOption = None,
+    timeout: TimeoutOption = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Say which asset of the ledger each SUSPECT is a copy of, which version, and whose copy."""
     from meshmark.errors import UsageError
 
     if not 0.0 < fpr < 1.0:
         raise UsageError(f"--fpr must lie between 0 and 1, not {fpr:g}")
+    batch = Batch("identify", jsonl, resume, jobs, scheduler, timeout)
+    batch.require_sense(json)
     folder = os.environ.get(KEYS_VARIABLE)
     if not folder:
         raise UsageError(f"{KEYS_VARIABLE} must name the folder of key files (*.key)")
@@ -63,45 +83,41 @@ def identify(
     from meshmark.ledger.moved import moved, moves_of
 
     places = moves_of(moves, os.environ.get(PATHS_VARIABLE))
-    from meshmark.commands.identify import identify as identify_asset
+    from meshmark.commands.identification import Request, ledger_facts
+    from meshmark.commands.identify import identify_file
     from meshmark.keys import keys_in
     from meshmark.ledger.origins import origins
-    from meshmark.sources.reading import read
-    from meshmark.workers.ordered_map import default_jobs
+    from meshmark.sources.listing import listed
 
-    keys = keys_in(Path(folder))
     known = [moved(origin, places) for origin in origins(kept.entries())]
-    found: list[Identification] = []
-    worst = 0
-    for suspect in suspects:
-        try:
-            with frame_progress() as progress:
+    request = Request(
+        origins=known,
+        key_folder=Path(folder),
+        key_ids=sorted(keys_in(Path(folder))),
+        fpr=fpr,
+        most=most,
+        everything=everything,
+        trusted=trusted,
+        recorded=batch.recorded,
+        timeout=timeout,
+        ledger=ledger_facts(known) if batch.recorded else {},
+    )
+    named = listed(suspects)
+    found: dict[str, Identification] = {}
 
-                def tell(prim: str, done: int, total: int) -> None:
-                    progress("identify", prim, done, total)
+    def told(outcome: Outcome[Identification]) -> None:
+        if outcome.verdict is None:
+            complain(outcome.error)
+            return
+        _tell(outcome.verdict)
+        if json:
+            found[outcome.source] = outcome.verdict
 
-                found.append(
-                    identify_asset(
-                        read(suspect, isolated=not trusted),
-                        known,
-                        keys,
-                        fpr=fpr,
-                        most=most,
-                        everything=everything,
-                        jobs=default_jobs(),
-                        progress=tell,
-                    )
-                )
-        except MeshmarkError as error:
-            complain(str(error))
-            worst = worst or error.exit_code
-            continue
-        _tell(found[-1])
+    tally = batch.run(named, request, identify_file, told)
     if json:
-        put_json({"ledger": kept.name, "suspects": [each.as_json() for each in found]})
-    code = worst or exit_code(each.verdict for each in found)
-    if code:
-        raise typer.Exit(code)
+        answers = [found[each].as_json() for each in named if each in found]
+        put_json({"ledger": kept.name, "suspects": answers})
+    tally.end()
 
 
 def _tell(found: Identification) -> None:

@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from meshmark.cli.console import complain, exit_code, say, warn
+from meshmark.cli.console import complain, say, warn
 
 if TYPE_CHECKING:
-    from meshmark.commands.verification import Outcome
+    from meshmark.commands.outcome import Outcome
     from meshmark.detection.verdict import Named, PrimVerdict, Verdict
 
-ANSWERS = ("marked", "not marked", "inconclusive", "failed")
 # Of more meshes than this, only those with the lowest p are printed.
 MOST_SHOWN = 8
 
 
-class Tally:
-    """Counts answers, for the exit code and for whoever asked for many."""
-
-    def __init__(self) -> None:
-        self._told: Counter[str] = Counter()
-        self._worst = 0
-
-    def add(self, verdict: str | None, error_code: int) -> None:
-        """Count one: a verdict, or None and the exit code of an error."""
-        self._told[verdict or "failed"] += 1
-        self._worst = max(self._worst, error_code)
-
-    @property
-    def exit_code(self) -> int:
-        """The worst error's, or else that of all verdicts."""
-        return self._worst or exit_code(self._told)
-
-    def __str__(self) -> str:
-        counts = ", ".join(f"{self._told[each]:,} {each}" for each in ANSWERS if self._told[each])
-        return f"{self._told.total():,} sources: {counts}"
-
-
-def tell(outcome: Outcome, everything: bool = False) -> None:
+def tell(outcome: Outcome[Verdict], everything: bool = False) -> None:
     """Print what became of a source.
 
     Parameters

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import batch_progress, frame_progress, put_json, say, warn
+from meshmark.cli.batch import (
+    Batch,
+    JobsOption,
+    JsonlOption,
+    ResumeOption,
+    SchedulerOption,
+    TimeoutOption,
+)
+from meshmark.cli.console import put_json, say
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -28,12 +34,11 @@ from meshmark.cli.options import (
     require_taken,
 )
 from meshmark.cli.repeating import given_options
-from meshmark.cli.verdicts import Tally, tell
+from meshmark.cli.verdicts import tell
 from meshmark.extension.defaults import DEFAULT_GEODESIC, DEFAULT_SEGMENTER
 
 if TYPE_CHECKING:
-    from meshmark.commands.answers import AnswerFile
-    from meshmark.commands.verification import Outcome, Request
+    from meshmark.commands.outcome import Outcome
     from meshmark.detection.verdict import Verdict
 
 
@@ -124,23 +129,10 @@ def verify(
     ] = False,
     trusted: TrustedOption = False,
     json: JsonOption = False,
-    jsonl: Annotated[
-        bool,
-        typer.Option("--jsonl", help="Print one line of JSON for each SOURCE as it is finished."),
-    ] = False,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Add such lines to FILE, and leave out what is answered there.",
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Processes, each on one SOURCE at a time; by default one a processor."
-        ),
-    ] = None,
+    jsonl: JsonlOption = False,
+    resume: ResumeOption = None,
+    jobs: JobsOption = None,
+    timeout: TimeoutOption = None,
     commands: Annotated[
         Path | None,
         typer.Option(
@@ -148,10 +140,7 @@ def verify(
         ),
     ] = None,
     chunk: Annotated[int, typer.Option(min=1, help="Sources of one such command.")] = 10,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Of a Dask cluster that does the work."),
-    ] = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Say whether each SOURCE bears the key's mark, whose copy it is, and the bound on p."""
     from meshmark.errors import UsageError
@@ -168,16 +157,16 @@ def verify(
         raise UsageError("--unauthenticated-evidence needs --evidence")
     if master is not None and original is None:
         raise UsageError("--master needs --original")
-    recorded = jsonl or resume is not None
-    elsewhere = scheduler is not None or commands is not None
-    if json and (recorded or commands is not None):
-        raise UsageError("--json is one document in the end; no --jsonl, --resume or --commands")
-    if scheduler is not None and (jobs is not None or commands is not None):
-        raise UsageError("--scheduler says by itself who does the work; no --jobs or --commands")
+    batch = Batch("verify", jsonl, resume, jobs, scheduler, timeout)
+    batch.require_sense(json)
+    if commands is not None and (json or scheduler is not None):
+        raise UsageError("--commands verifies nothing by itself; no --json or --scheduler")
+    recorded = batch.recorded
     from meshmark.commands.verification import Request, hashes_beside, recipes_asked
     from meshmark.sources.listing import listed
 
     named = listed(sources)
+    elsewhere = scheduler is not None or commands is not None
     if evidence is not None and (len(named) > 1 or recorded or elsewhere):
         raise UsageError(
             "--evidence holds that of one SOURCE; no --jsonl, --resume, --scheduler or --commands"
@@ -200,83 +189,28 @@ def verify(
         store=store,
         authenticated=not unauthenticated,
         recorded=recorded,
+        timeout=timeout,
         beside=hashes_beside(original, master, trusted=trusted) if recorded else {},
     )
-    tally = Tally()
-    verdicts: dict[str, Verdict] = {}
-    with _answers(resume) as kept:
-        known = {} if kept is None else kept.known(named, request)
+    if commands is not None:
+        with batch.answers() as kept:
+            known = {} if kept is None else kept.known(named, request)
         left = [source for source in named if source not in known]
-        if commands is not None:
-            _write_commands(context, commands, left, chunk, resume)
-            return
-        for answer in known.values():
-            tally.add(answer.verdict, answer.exit_code)
-        with closing(_outcomes(left, request, jobs, scheduler, jsonl)) as outcomes:
-            for outcome in outcomes:
-                if recorded:
-                    _record(outcome, kept, jsonl)
-                tell(outcome, everything)
-                tally.add(outcome.answer, outcome.exit_code)
-                if json and outcome.verdict is not None:
-                    verdicts[outcome.source] = outcome.verdict
+        _write_commands(context, commands, left, chunk, resume)
+        return
+    from meshmark.commands.verify import verify_file
+
+    verdicts: dict[str, Verdict] = {}
+
+    def told(outcome: Outcome[Verdict]) -> None:
+        tell(outcome, everything)
+        if json and outcome.verdict is not None:
+            verdicts[outcome.source] = outcome.verdict
+
+    tally = batch.run(named, request, verify_file, told)
     if json:
         put_json({"assets": [verdicts[each].as_json() for each in named if each in verdicts]})
-    if len(named) > 1:
-        say(f"{tally}{f', {len(known):,} of them before' if known else ''}")
-    if tally.exit_code:
-        raise typer.Exit(tally.exit_code)
-
-
-def _answers(path: Path | None) -> AbstractContextManager[AnswerFile | None]:
-    from meshmark.commands.answers import answers_kept
-
-    return nullcontext() if path is None else answers_kept(path)
-
-
-def _record(outcome: Outcome, kept: AnswerFile | None, jsonl: bool) -> None:
-    """Write a line into the file of answers, and print it."""
-    from meshmark.commands.answers import as_line
-
-    line = as_line(outcome)
-    if kept is not None:
-        kept.append(line)
-    if jsonl:
-        typer.echo(line)
-
-
-def _outcomes(
-    sources: Sequence[str],
-    request: Request,
-    jobs: int | None,
-    scheduler: str | None,
-    printing: bool,
-) -> Generator[Outcome]:
-    """Verify sources, each in a process of its own if there are several."""
-    from meshmark.commands.batch import verify_many
-    from meshmark.commands.verify import verify_file
-    from meshmark.workers.ordered_map import JOBS_VARIABLE, default_jobs
-
-    there = default_jobs() if jobs is None else jobs
-    alone = jobs is None and os.environ.get(JOBS_VARIABLE) == "1"
-    if not sources or (scheduler is None and (len(sources) == 1 or alone)):
-        for source in sources:
-            with frame_progress() as progress:
-                outcome = verify_file(source, replace(request, jobs=there), progress)
-            yield outcome
-        return
-    if scheduler is not None:
-        from meshmark.commands.cluster import verify_on_cluster
-
-        many = verify_on_cluster(sources, request, scheduler, warn)
-    else:
-        n = min(there, len(sources))
-        many = verify_many(sources, replace(request, jobs=there // n), n)
-    shown = batch_progress("verify", len(sources), printing=printing)
-    with shown as advance, closing(many):
-        for outcome in many:
-            yield outcome
-            advance()
+    tally.end()
 
 
 def _write_commands(

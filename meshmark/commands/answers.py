@@ -1,4 +1,4 @@
-"""The file of answers that `verify --resume` goes on with: one line of JSON for each source."""
+"""The file of answers that `--resume` goes on with: one line of JSON for each source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from meshmark.commands.verification import Outcome, Request, folder_of
+from meshmark.commands.outcome import AnyRequest, Outcome, folder_of
 from meshmark.errors import InputError, MeshmarkError, OutputError, PluginError
 from meshmark.files.atomic import written_beside
 from meshmark.files.locks import held
@@ -42,7 +42,9 @@ class Answer:
     files : sequence of {"file", "sha256"}
         What was read, relative to the source's folder.
     asked : str
-        See `Request.asked`; as JSON.
+        See `AnyRequest.asked`; as JSON.
+    timeout : float or None
+        Seconds that were too few for it, if that is the error.
     """
 
     source: str
@@ -50,6 +52,11 @@ class Answer:
     exit_code: int
     files: Sequence[Mapping[str, str]]
     asked: str
+    timeout: float | None = None
+
+    def stands(self, timeout: float | None) -> bool:
+        """Tell whether it would be the same again, with so much time."""
+        return self.timeout is None or (timeout is not None and timeout <= self.timeout)
 
 
 def answer_of(line: Mapping[str, Any]) -> Answer:
@@ -67,6 +74,7 @@ def answer_of(line: Mapping[str, Any]) -> Answer:
         line["files"],
         # One and the same for most.
         sys.intern(_canonical(line["asked"])),
+        None if line.get("timeout") is None else float(line["timeout"]),
     )
     told = [(each["file"], each["sha256"]) for each in answer.files]
     texts = (answer.source, *(text for pair in told for text in pair))
@@ -79,7 +87,7 @@ def _canonical(asked: Mapping[str, Any]) -> str:
     return json.dumps(asked, sort_keys=True)
 
 
-def as_line(outcome: Outcome) -> str:
+def as_line(outcome: Outcome[Any]) -> str:
     """Return the line of an outcome, without its end."""
     return json.dumps(outcome.as_json(), allow_nan=False)
 
@@ -104,8 +112,10 @@ class AnswerFile:
             self._by_source[answer.source].append(answer)
             self._by_name[Path(answer.source).name].append(answer)
 
-    def known(self, sources: Sequence[str], request: Request) -> dict[str, Answer]:
+    def known(self, sources: Sequence[str], request: AnyRequest) -> dict[str, Answer]:
         """Find the sources that are answered: of the same content, and asked the same.
+
+        What took too long counts unless it may take longer now.
 
         An answer for another source of that name counts where that one is not asked for: folders
         are moved. None counts for two.
@@ -120,7 +130,9 @@ class AnswerFile:
             moved = self._by_name[Path(source).name]
             others = [answer for answer in moved if answer.source not in asked_for]
             for answer in (*reversed(self._by_source[source]), *others):
-                if id(answer) in taken or answer.asked != asked or not content.is_of(answer):
+                if id(answer) in taken or answer.asked != asked:
+                    continue
+                if not answer.stands(request.timeout) or not content.is_of(answer):
                     continue
                 found[source] = answer
                 taken.add(id(answer))
@@ -243,5 +255,5 @@ def _require_begun(line: bytes, number: int, path: Path) -> None:
 
 def _refusal(number: int, path: Path) -> InputError:
     return InputError(
-        f"line {number} is no answer of `meshmark verify`; name another file", source=path
+        f"line {number} is no answer of verify or identify; name another file", source=path
     )

@@ -1,4 +1,4 @@
-"""Verifies many sources, each in a process that works on nothing else meanwhile."""
+"""Answers for many sources, each in a process that works on nothing else meanwhile."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import os
 import pickle
 import queue
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from meshmark.commands.verification import Outcome, Request
-from meshmark.commands.verify import verify_file
-from meshmark.errors import InputError, MeshmarkError, OutputError, WorkerError
+from meshmark.commands.outcome import AnyRequest, Outcome, failed
+from meshmark.errors import InputError, MeshmarkError, OutputError, TimeLimitError, WorkerError
 from meshmark.sources.isolation.limits import limit_memory, memory_to_measure
 from meshmark.workers.apart import Apart
 
@@ -27,26 +27,28 @@ class Task:
 
     Parameters
     ----------
-    request : Request
+    answer : callable
+        Takes a source and the request, such as `verify_file` does. It can be pickled.
+    request : AnyRequest
     folder : str
         Where it stands, so that paths mean what they mean to the user.
     """
 
-    request: Request
+    answer: Callable[[str, Any], Outcome[Any]]
+    request: AnyRequest
     folder: str
 
-    def __call__(self, source: str) -> Outcome:
-        """Verify a source within limits."""
+    def __call__(self, source: str) -> Outcome[Any]:
+        """Answer for a source within limits."""
         try:
             self._enter(source)
             limit_memory()
         except MeshmarkError as error:
             return failed(source, error, self.request)
-        return verify_file(source, self.request)
+        return self.answer(source, self.request)
 
     def _enter(self, source: str) -> None:
-        request = self.request
-        names = (source, request.key_file, request.original, request.master, request.store)
+        names = (source, *self.request.paths)
         try:
             os.chdir(self.folder)
         except OSError as error:
@@ -55,31 +57,32 @@ class Task:
                 raise InputError(told, source=self.folder) from None
 
     def packed(self) -> bytes:
-        """Return it as it is sent: with the path of the key's file, and without the key."""
+        """Return it as it is sent: with paths of key files, and without keys."""
         return pickle.dumps(self)
 
-
-def failed(source: str, error: MeshmarkError, request: Request) -> Outcome:
-    """Return the outcome where a source could not be worked on at all."""
-    asked = request.asked(source) if request.recorded else {}
-    told = error.message if error.source is None else str(error)
-    return Outcome(source, None, f"{source}: {told}", error.exit_code, (), asked)
+    def apart(self) -> Apart:
+        """Return a process that does it, and is given the time that a source may take."""
+        return Apart(self.packed(), self.request.timeout)
 
 
-def verify_apart(apart: Apart, source: str) -> Outcome:
-    """Let a process that does a `Task` verify a source, and another one if it dies of it."""
+def answer_apart(apart: Apart, source: str) -> Outcome[Any]:
+    """Let a process that does a `Task` answer for a source, and another one if it dies of it."""
+    last: MeshmarkError
     for _ in range(ATTEMPTS):
         try:
-            outcome: Outcome = apart(source)
+            outcome: Outcome[Any] = apart(source)
             return outcome
+        except TimeLimitError as error:
+            last = TimeLimitError(f"{error.message}; --timeout can allow more")
+            break
         except (WorkerError, OutputError) as error:
             last = error
     task: Task = pickle.loads(apart.function)
     return failed(source, last, task.request)
 
 
-def verify_many(sources: Sequence[str], request: Request, jobs: int) -> Generator[Outcome]:
-    """Verify sources in processes of their own, one at a time in each.
+def answer_many(sources: Sequence[str], task: Task, jobs: int) -> Generator[Outcome[Any]]:
+    """Answer for sources in processes of their own, one at a time in each.
 
     Parameters
     ----------
@@ -97,19 +100,17 @@ def verify_many(sources: Sequence[str], request: Request, jobs: int) -> Generato
         If their limit of memory makes no sense.
     """
     memory_to_measure()
-    task = Task(request, str(Path.cwd())).packed()
-    n = min(jobs, len(sources))
-    processes = [Apart(task) for _ in range(n)]
+    processes = [task.apart() for _ in range(min(jobs, len(sources)))]
     waiting: queue.SimpleQueue[str] = queue.SimpleQueue()
     for source in sources:
         waiting.put(source)
-    finished: queue.SimpleQueue[Outcome | BaseException] = queue.SimpleQueue()
+    finished: queue.SimpleQueue[Outcome[Any] | BaseException] = queue.SimpleQueue()
 
     def work(apart: Apart) -> None:
         try:
             with suppress(queue.Empty), apart:
                 while True:
-                    finished.put(verify_apart(apart, waiting.get_nowait()))
+                    finished.put(answer_apart(apart, waiting.get_nowait()))
         except BaseException as error:
             finished.put(error)
 

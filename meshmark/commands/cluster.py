@@ -1,6 +1,6 @@
-"""Verifies many sources on a Dask cluster: what travels is paths, small values and answers.
+"""Answers for many sources on a Dask cluster: what travels is paths, small values and answers.
 
-Neither meshes nor the key do: a worker reads the file of the key where it verifies. It lets a
+Neither meshes nor keys do: a worker reads the files of keys where it works. It lets a
 process of its own do so, so that it can answer its scheduler meanwhile, and lives on whatever
 happens there.
 """
@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import pickle
 import re
 import threading
 import uuid
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from itertools import islice
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from meshmark.commands.batch import Task, failed, verify_apart
-from meshmark.commands.verification import Outcome, Request
+from meshmark.commands.batch import Task, answer_apart
+from meshmark.commands.outcome import AnyRequest, Outcome, failed
 from meshmark.errors import OutputError, UsageError, WorkerError
-from meshmark.workers.apart import Apart
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -34,10 +33,10 @@ QUIET = ("distributed", "distributed.client", "distributed.core", "distributed.c
 IN_FLIGHT = 1000
 
 
-def verify_on_cluster(
-    sources: Sequence[str], request: Request, address: str, warn: Callable[[str], None]
-) -> Generator[Outcome]:
-    """Verify sources on the workers of a cluster, one at a time in each of their threads.
+def answer_on_cluster(
+    sources: Sequence[str], task: Task, address: str, warn: Callable[[str], None]
+) -> Generator[Outcome[Any]]:
+    """Answer for sources on the workers of a cluster, one at a time in each of their threads.
 
     What a worker was at when it died, the scheduler gives to another one.
 
@@ -69,27 +68,27 @@ def verify_on_cluster(
             warn(f"{address}: there are no workers yet")
         run = uuid.uuid4().hex
         # Its value is made again where it is lost with a worker.
-        task = client.submit(bytes, Task(request, str(Path.cwd())).packed(), key=f"asked-{run}")
+        sent = client.submit(bytes, task.packed(), key=f"asked-{run}")
         left = enumerate(sources)
         waiting: dict[Future, str] = {}
 
         def submitted(n: int) -> list[Future]:
             added = []
             for number, source in islice(left, n):
-                key = f"verify-{run}-{number}"
-                future = client.submit(verify_on_worker, task, source, key=key, pure=False)
+                key = f"answer-{run}-{number}"
+                future = client.submit(answer_on_worker, sent, source, key=key, pure=False)
                 waiting[future] = source
                 added.append(future)
             return added
 
         futures = as_completed(submitted(IN_FLIGHT), loop=client.loop)
         for future in futures:
-            yield _outcome(future, waiting.pop(future), request, address)
+            yield _outcome(future, waiting.pop(future), task.request, address)
             futures.update(submitted(1))
 
 
-def verify_on_worker(task: bytes, source: str) -> Outcome:
-    """Verify a source in a process that belongs to this thread of a worker.
+def answer_on_worker(task: bytes, source: str) -> Outcome[Any]:
+    """Answer for a source in a process that belongs to this thread of a worker.
 
     Parameters
     ----------
@@ -100,19 +99,20 @@ def verify_on_worker(task: bytes, source: str) -> Outcome:
     if apart is None or apart.function != task:
         if apart is not None:
             apart.close()
-        apart = _own.apart = Apart(task)
-    return verify_apart(apart, source)
+        known: Task = pickle.loads(task)
+        apart = _own.apart = known.apart()
+    return answer_apart(apart, source)
 
 
 _own = threading.local()
 
 
-def _outcome(future: Future, source: str, request: Request, address: str) -> Outcome:
+def _outcome(future: Future, source: str, request: AnyRequest, address: str) -> Outcome[Any]:
     """Take what a worker answers."""
     from distributed import KilledWorker
 
     try:
-        outcome: Outcome = future.result()
+        outcome: Outcome[Any] = future.result()
     except KilledWorker:
         died = WorkerError("every worker of the cluster that took it on has died")
         return failed(source, died, request)

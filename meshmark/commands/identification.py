@@ -1,12 +1,137 @@
-"""What `identify` answers: the candidates for a suspect, the best first."""
+"""What `identify` is asked of every suspect, and answers: the candidates, the best first."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from meshmark.detection.verdict import Answer, Verdict
+from meshmark.errors import MeshmarkError, UsageError
+from meshmark.extension.recipe import Recipe
+from meshmark.keys import Key, keys_in
+from meshmark.ledger.chain import canonical
 from meshmark.ledger.origins import Origin
+from meshmark.sources.readers import files_named
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What is asked of every suspect.
+
+    It can be pickled and sent anywhere: of the keys it knows the folder, and the ids.
+
+    Parameters
+    ----------
+    origins : sequence of Origin
+        All that the ledger knows.
+    key_folder : Path
+        Read where a suspect is identified.
+    key_ids : sequence of str
+        Of the keys that are to be in it.
+    fpr, most, everything
+        As of `meshmark.commands.identify.identify`.
+    trusted : bool
+        Read suspects in this process.
+    jobs : int
+        Processes that the frames of one suspect are shared among.
+    recorded : bool
+        Whether outcomes tell the hashes of what was read, and what was asked.
+    timeout : float, optional
+        Seconds that one suspect may take.
+    ledger : mapping, optional
+        Where that is recorded, what of the ledger the answer depends on; see `ledger_facts`.
+    """
+
+    origins: Sequence[Origin]
+    key_folder: Path
+    key_ids: Sequence[str]
+    fpr: float = 1e-6
+    most: int = 8
+    everything: bool = False
+    trusted: bool = False
+    jobs: int = 1
+    recorded: bool = False
+    timeout: float | None = None
+    ledger: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> Sequence[str | Path | None]:
+        """What else is read for every suspect; an original that is not found is told of."""
+        return (self.key_folder,)
+
+    def asked(self, source: str) -> dict[str, Any]:
+        """Tell all that the answer for a suspect depends on, beside its files."""
+        return {
+            "ledger": dict(self.ledger),
+            "key_ids": list(self.key_ids),
+            "fpr": self.fpr,
+            "most": self.most,
+            "all": self.everything,
+        }
+
+    def keys(self) -> dict[str, Key]:
+        """Read the keys, by id.
+
+        Raises
+        ------
+        UsageError
+            If one of them is not there.
+        """
+        found = keys_in(self.key_folder)
+        missing = [key_id for key_id in self.key_ids if key_id not in found]
+        if missing:
+            raise UsageError(f"does not hold the key {missing[0]} here", source=self.key_folder)
+        return {key_id: found[key_id] for key_id in self.key_ids}
+
+
+def ledger_facts(origins: Sequence[Origin]) -> dict[str, Any]:
+    """Tell what of a ledger an answer depends on: copies, layers as they are here, originals.
+
+    Parameters
+    ----------
+    origins : sequence of Origin
+    """
+    digest = hashlib.sha256()
+    for origin in origins:
+        digest.update(canonical({**_told(origin), "here": _layers_here(origin)}).encode())
+    return {
+        "copies": sum(len(origin.copies) for origin in origins),
+        "sha256": digest.hexdigest(),
+        "originals": sum(_is_there(origin.source) for origin in origins),
+    }
+
+
+def _told(origin: Origin) -> dict[str, Any]:
+    return {**asdict(origin), "source": str(origin.source)}
+
+
+def _layers_here(origin: Origin) -> list[dict[str, Any]] | str:
+    """Tell the versions that read it, or why nothing does."""
+    try:
+        return [recipe.as_json() for recipe in layers_of(origin)]
+    except MeshmarkError as error:
+        return error.message
+
+
+def _is_there(source: Path) -> bool:
+    return any(path.exists() for path in files_named(str(source)))
+
+
+def layers_of(origin: Origin) -> list[Recipe]:
+    """Build the layers of an origin from what its manifest tells."""
+    segmenter, geodesic = origin.plugins["segmenter"], origin.plugins["geodesic"]
+    return [
+        Recipe(
+            layer["name"],
+            segmenter["name"],
+            geodesic["name"],
+            {each["name"]: each["parameters"] for each in (layer, segmenter, geodesic)},
+        )
+        for layer in origin.layers
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What `verify` is asked of every source, and what it answers: both can be sent anywhere."""
+"""What `verify` is asked of every source."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from meshmark.commands.outcome import folder_of
 from meshmark.embedding.manifest import named_schemes
 from meshmark.errors import UsageError
 from meshmark.extension.recipe import Recipe, default_layers, layers_from_text, scheme_names
 from meshmark.keys import Key
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.isolation.hashing import digests_of
-
-if TYPE_CHECKING:
-    from meshmark.detection.verdict import Answer, Verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +57,10 @@ class Request:
         Processes that the frames of one source are shared among.
     recorded : bool
         Whether outcomes tell the hashes of what was read, and what was asked.
+    timeout : float, optional
+        Seconds that one source may take.
     beside : mapping of str to sequence, optional
-        Then, the hashes of original and master; see `hashes_beside`.
+        Where that is recorded, the hashes of original and master; see `hashes_beside`.
     """
 
     key_file: Path
@@ -79,7 +79,13 @@ class Request:
     authenticated: bool = True
     jobs: int = 1
     recorded: bool = False
+    timeout: float | None = None
     beside: Mapping[str, Sequence[dict[str, str]]] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> Sequence[str | Path | None]:
+        """What else is read for every source, or written."""
+        return (self.key_file, self.original, self.master, self.evidence, self.store)
 
     def recipes_for(self, source: str) -> Sequence[Recipe]:
         """List what is tried on a source: what was asked for, or else also what its manifest names.
@@ -150,49 +156,6 @@ def recipes_asked(
     return [replace(layer, segmenter=segmenter, geodesic=geodesic) for layer in default_layers()]
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What became of one source: a verdict, or the reason why there is none.
-
-    Parameters
-    ----------
-    source : str
-    verdict : Verdict or None
-    error : str
-        In one line; empty if there is a verdict.
-    exit_code : int
-        Of the error; 0 if there is none.
-    files : sequence of {"file", "sha256"}
-        What was read, relative to the source's folder, if that is recorded.
-    asked : mapping
-        See `Request.asked`; likewise.
-    """
-
-    source: str
-    verdict: Verdict | None = None
-    error: str = ""
-    exit_code: int = 0
-    files: Sequence[dict[str, str]] = ()
-    asked: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def answer(self) -> Answer | None:
-        """What the verdict is, if there is one."""
-        return None if self.verdict is None else self.verdict.verdict
-
-    def as_json(self) -> dict[str, Any]:
-        """Return its line in `verify --jsonl`."""
-        recorded = {"files": list(self.files), "asked": dict(self.asked)}
-        if self.verdict is not None:
-            return {**self.verdict.as_json(), **recorded}
-        return {
-            "source": self.source,
-            "error": self.error,
-            "exit_code": self.exit_code,
-            **recorded,
-        }
-
-
 def hashes_beside(
     original: str | None, master: str | None, *, trusted: bool = False
 ) -> dict[str, list[dict[str, str]]]:
@@ -209,8 +172,3 @@ def hashes_beside(
         for what, source in named.items()
         if source is not None
     }
-
-
-def folder_of(source: str) -> Path:
-    """Return the folder that the files of a source are named relative to."""
-    return Path(source).parent.resolve()

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
-from meshmark.commands.verification import Outcome, Request, folder_of
-from meshmark.errors import (
-    DEBUG_VARIABLE,
-    InputError,
-    MeshmarkError,
-    WorkerError,
-    of_a_bug,
-)
+from meshmark.commands.outcome import Files, Outcome, nobody, outcome_of
+from meshmark.commands.verification import Request
+from meshmark.errors import MeshmarkError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
-from meshmark.sources.digests import file_hashes, sha256, source_digests
-from meshmark.sources.readers import files_named, parameters_for
+from meshmark.sources.digests import source_digests
+from meshmark.sources.readers import parameters_for
 from meshmark.sources.reading import read
 from meshmark.workers.progress import MeshProgress, StageProgress
 
@@ -30,10 +24,9 @@ if TYPE_CHECKING:
     from meshmark.detection.verdict import Verdict
 
 
-Files: TypeAlias = Sequence[tuple[str, str]]
-
-
-def verify_file(source: str, request: Request, progress: StageProgress | None = None) -> Outcome:
+def verify_file(
+    source: str, request: Request, progress: StageProgress | None = None
+) -> Outcome[Verdict]:
     """Verify a source. Whatever is wrong with it is part of the outcome.
 
     Parameters
@@ -43,40 +36,7 @@ def verify_file(source: str, request: Request, progress: StageProgress | None = 
     progress : callable, optional
         Told about each stage.
     """
-    asked = request.asked(source) if request.recorded else {}
-    try:
-        verdict, files = _verdict(source, request, progress or _nobody)
-    except Exception as error:
-        if not isinstance(error, MeshmarkError) and os.environ.get(DEBUG_VARIABLE) == "1":
-            raise
-        files = list(_readable_files(source)) if request.recorded else ()
-        return Outcome(source, None, *_told(error, source), _relative(files, source), asked)
-    return Outcome(source, verdict, "", 0, _relative(files, source), asked)
-
-
-def _told(error: Exception, source: str) -> tuple[str, int]:
-    """Say in one line what went wrong, and with which exit code."""
-    if isinstance(error, MeshmarkError):
-        return str(error), error.exit_code
-    if isinstance(error, MemoryError):
-        return f"{source}: needs more memory than there is", WorkerError.exit_code
-    return f"{source}: {of_a_bug(error)}", MeshmarkError.exit_code
-
-
-def _readable_files(source: str) -> Iterator[tuple[str, str]]:
-    """Hash what can be of a source that cannot be read."""
-    for path in files_named(source):
-        if path.is_file():
-            with suppress(InputError):
-                yield str(path.resolve()), sha256(path)
-
-
-def _relative(files: Iterable[tuple[str, str]], source: str) -> list[dict[str, str]]:
-    return file_hashes(files, folder_of(source))
-
-
-def _nobody(stage: str, what: str, done: int, total: int) -> None:
-    """Tell nobody."""
+    return outcome_of(source, request, lambda: _verdict(source, request, progress or nobody))
 
 
 def _verdict(source: str, request: Request, progress: StageProgress) -> tuple[Verdict, Files]:

@@ -14,11 +14,11 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import IO, Any
 
-from meshmark.errors import WorkerError
+from meshmark.errors import TimeLimitError, WorkerError
 from meshmark.files.temporary import ScratchFolder
 
 # Whoever asks nothing for so long may never again, and forget to say so.
@@ -51,10 +51,12 @@ class Apart:
     ----------
     function : bytes
         Pickled. The process loads it once.
+    seconds : float, optional
+        What one call may take; the process, and all that it has started, is ended then.
     """
 
-    def __init__(self, function: bytes) -> None:
-        self.function = function
+    def __init__(self, function: bytes, seconds: float | None = None) -> None:
+        self.function, self.seconds = function, seconds
         self._process: subprocess.Popen[bytes] | None = None
         # What a process leaves behind that was killed goes with it.
         self._folder: ScratchFolder | None = None
@@ -72,6 +74,8 @@ class Apart:
 
         Raises
         ------
+        TimeLimitError
+            If it takes longer than it may.
         WorkerError
             If the process dies of it, or is killed meanwhile.
         OutputError
@@ -82,14 +86,37 @@ class Apart:
         assert process is not None
         assert process.stdin is not None
         assert process.stdout is not None
+        late = threading.Event()
         try:
-            if is_new:
-                _put(process.stdin, self.function)
-            _put(process.stdin, pickle.dumps(item))
-            return pickle.loads(_get(process.stdout))
+            with self._ending(process, late):
+                if is_new:
+                    _put(process.stdin, self.function)
+                _put(process.stdin, pickle.dumps(item))
+                return pickle.loads(_get(process.stdout))
         except (OSError, EOFError):
             self.close()
+            if late.is_set():
+                raise TimeLimitError(f"takes longer than {self.seconds:g} s") from None
             raise WorkerError(_death(process.returncode)) from None
+
+    @contextmanager
+    def _ending(self, process: subprocess.Popen[bytes], late: threading.Event) -> Iterator[None]:
+        """End a process if the block takes longer than it may, and say so."""
+        if self.seconds is None:
+            yield
+            return
+
+        def end() -> None:
+            late.set()
+            _end(process)
+
+        timer = threading.Timer(min(self.seconds, threading.TIMEOUT_MAX), end)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
 
     def _started(self) -> subprocess.Popen[bytes]:
         """Start a process, in place of one that had nothing to do for long."""
@@ -104,6 +131,8 @@ class Apart:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     env=interpreter_environment({"TMPDIR": str(self._folder.path)}),
+                    # What it starts is ended with it.
+                    process_group=None if sys.platform == "win32" else 0,
                 )
             except OSError as error:
                 raise WorkerError(f"no process can be started: {error.strerror}") from None
@@ -114,7 +143,7 @@ class Apart:
         process, self._process = self._process, None
         if process is None:
             return
-        process.kill()
+        _end(process)
         process.wait()
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):
@@ -127,7 +156,17 @@ class Apart:
         with self._starting:
             self._is_killed = True
             if self._process is not None:
-                self._process.kill()
+                _end(self._process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process, and those that it has started."""
+    if sys.platform == "win32":
+        process.kill()
+    elif process.returncode is None:
+        # Nobody else has its number before it is waited for.
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _death(code: int | None) -> str:

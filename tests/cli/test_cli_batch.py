@@ -17,9 +17,12 @@ import jsonschema
 import pytest
 
 from command_line import command
+from long_sources import slow_to_measure
 from meshmark.commands import verify as verifying
-from meshmark.commands.batch import Task, verify_many
+from meshmark.commands.attack import write_attacked
+from meshmark.commands.batch import Task, answer_many
 from meshmark.commands.verification import Request
+from meshmark.commands.verify import verify_file
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
@@ -31,6 +34,7 @@ from meshmark_plugins.readers.obj_write import write_new
 
 KEY = Key(bytes(range(32)))
 VERIFY = ("verify", "suspects", "--key", "k", "--scheme", "cho2007", "--trusted")
+ALL_FRAMES = ("verify", "suspects", "--key", "k", "--scheme", "apex", "--trusted", "--frames", ":")
 
 
 @pytest.fixture
@@ -135,6 +139,9 @@ def test_commands_do_the_same_elsewhere(run, tmp_path, monkeypatch) -> None:
         (("suspects", "--resume", "k"), 3, "k: line 1 is no answer"),
         (("suspects", "--resume", "none/answers"), 3, "none/answers: cannot be locked"),
         (("suspects", "--commands", "none/farm"), 3, "none/farm: cannot be written"),
+        (("suspects", "--timeout", "0"), 2, "--timeout must be a positive number"),
+        (("suspects", "--timeout", "nan"), 2, "--timeout must be a positive number"),
+        (("suspects", "--commands", "f", "--json"), 2, "--commands verifies nothing by itself"),
         (("suspects", "--jsonl", "--original", "none.usd"), 3, "none.usd: no such file"),
         (("@none",), 3, "none: cannot be read"),
         (("suspects/*.usd",), 3, "suspects/*.usd: matches nothing"),
@@ -152,7 +159,7 @@ def test_nonsense_is_told_of_at_once(run, tmp_path, words, code, said) -> None:
 
 def test_the_key_stays_where_it_is(run, monkeypatch) -> None:
     request = Request(Path("k"), KEY.id, [Recipe("cho2007")], named=True, trusted=True)
-    task = Task(request, str(Path.cwd()))
+    task = Task(verify_file, request, str(Path.cwd()))
     assert KEY.secret not in task.packed()
     assert KEY.secret.hex().encode() not in task.packed()
     monkeypatch.chdir("/")
@@ -160,7 +167,7 @@ def test_the_key_stays_where_it_is(run, monkeypatch) -> None:
     again = pickle.loads(task.packed())
     assert again("suspects/walk").answer == "inconclusive"
     # A folder that is not there, and another key in the file.
-    assert Task(request, "/none")("suspects/walk").exit_code == 3
+    assert Task(verify_file, request, "/none")("suspects/walk").exit_code == 3
     Path("k").unlink()
     Key(bytes(32)).save(Path("k"))
     refused = again("suspects/walk")
@@ -194,9 +201,29 @@ def test_what_dies_every_time_is_an_outcome(run, monkeypatch) -> None:
     # Too little to import what measures.
     monkeypatch.setenv("MESHMARK_VERIFY_MEMORY", "0.05")
     request = Request(Path("k"), KEY.id, [Recipe("cho2007")], named=True, trusted=True)
-    outcomes = list(verify_many(["suspects/walk", "suspects/it's a ball"], request, 2))
+    task = Task(verify_file, request, str(Path.cwd()))
+    outcomes = list(answer_many(["suspects/walk", "suspects/it's a ball"], task, 2))
     assert {outcome.source for outcome in outcomes} == {"suspects/walk", "suspects/it's a ball"}
     assert {outcome.exit_code for outcome in outcomes} <= {3, 5}
+
+
+@pytest.mark.slow
+def test_what_takes_too_long_stops_no_other(run, monkeypatch) -> None:
+    write_attacked(slow_to_measure(), Path("suspects/long.usdc"))
+    words = ("--jobs", "2", "--timeout", "15", "--resume", "answers", "--jsonl")
+    code, out, err = run(*ALL_FRAMES, *words)
+    lines = parsed(out)
+    assert code == 3
+    late = lines.pop("suspects/long.usdc")
+    assert (late["exit_code"], late["timeout"]) == (3, 15)
+    assert late["error"] == "suspects/long.usdc: takes longer than 15 s; --timeout can allow more"
+    assert f"error: {late['error']}\n" in err
+    assert [each["file"] for each in late["files"]] == ["long.usdc"]
+    assert {line.get("verdict") for line in lines.values()} == {"inconclusive", None}
+    # It is not tried again, unless it may take longer.
+    code, out, err = run(*ALL_FRAMES, *words)
+    assert (code, out) == (3, "")
+    assert "4 of them before" in err
 
 
 @pytest.mark.slow

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from meshmark.commands.answers import answers_kept, as_line
-from meshmark.commands.verification import Outcome, Request
+from meshmark.commands.outcome import Outcome, failed
+from meshmark.commands.verification import Request
 from meshmark.detection.verdict import Verdict
-from meshmark.errors import InputError, MeshmarkError, OutputError
+from meshmark.errors import InputError, MeshmarkError, OutputError, TimeLimitError
 from meshmark.extension.recipe import Recipe
 from meshmark.sources.digests import file_hashes, sha256
 
@@ -69,6 +70,20 @@ def test_what_is_answered_of_something_else_is_not(request_) -> None:
         {"beside": {"original": [{"file": "o.usd", "sha256": "0" * 64}]}},
     ):
         assert known(replace(request_, **changes), "a.usd") == []
+
+
+def test_what_took_too_long_is_tried_again_with_more_time(request_) -> None:
+    Path("a.usd").write_text("a")
+    limited = replace(request_, timeout=60.0)
+    late = failed("a.usd", TimeLimitError("takes longer than 60 s"), limited)
+    assert (late.exit_code, late.error) == (3, "a.usd: takes longer than 60 s")
+    assert [each["file"] for each in late.files] == ["a.usd"]
+    write(late)
+    for timeout, left_out in ((30.0, ["a.usd"]), (60.0, ["a.usd"]), (61.0, []), (None, [])):
+        assert known(replace(request_, timeout=timeout), "a.usd") == left_out
+    # A verdict stands, however long it may take now.
+    write(outcome("a.usd", limited))
+    assert known(request_, "a.usd") == ["a.usd"]
 
 
 def test_a_manifest_that_names_other_schemes_changes_what_is_asked(request_) -> None:

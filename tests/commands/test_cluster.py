@@ -17,10 +17,13 @@ from typing import Any
 import pytest
 
 from command_line import command
+from long_sources import slow_to_measure
 from meshmark.commands import cluster
+from meshmark.commands.attack import write_attacked
 from meshmark.keys import Key
+from meshmark.ledger.store import init
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.mesh.asset import Asset
+from meshmark.mesh.asset import Asset, as_asset
 from meshmark.testing.meshes import icosphere
 from meshmark_plugins.readers.obj_write import write_new
 
@@ -87,6 +90,33 @@ def test_nothing_is_lost_and_nothing_twice_when_a_worker_dies(
     assert sorted(lines, key=lambda line: line["source"]) == alone
 
 
+@pytest.mark.slow
+def test_a_worker_gives_up_what_takes_too_long(folder, two_workers, monkeypatch, capsys) -> None:
+    write_new(as_asset(MeshAnimation.from_arrays(*icosphere(1))), folder / "suspects" / "walk")
+    write_attacked(slow_to_measure(), folder / "suspects" / "long.usdc")
+    words = ("verify", "suspects", "--key", "k", "--scheme", "apex", "--frames", ":", "--jsonl")
+    address = two_workers.scheduler_address
+    assert command(monkeypatch, *words, "--timeout", "15", "--scheduler", address) == 3
+    lines = {line["source"]: line for line in map(json.loads, capsys.readouterr().out.splitlines())}
+    assert sorted(lines) == ["suspects/bad.glb", "suspects/long.usdc", "suspects/walk"]
+    assert lines["suspects/long.usdc"]["timeout"] == 15
+    assert lines["suspects/walk"]["verdict"] == "inconclusive"
+
+
+@pytest.mark.slow
+def test_a_cluster_identifies(folder, two_workers, monkeypatch, capsys) -> None:
+    init("ledger")
+    monkeypatch.setenv("MESHMARK_KEYS", "keys")
+    Path("keys").mkdir()
+    Key(bytes(range(32))).save(Path("keys/k.key"))
+    write_new(as_asset(MeshAnimation.from_arrays(*icosphere(1))), folder / "suspects" / "walk")
+    words = ("identify", "suspects", "--ledger", "ledger", "--jsonl", "--trusted")
+    assert command(monkeypatch, *words, "--scheduler", two_workers.scheduler_address) == 3
+    lines = {line["source"]: line for line in map(json.loads, capsys.readouterr().out.splitlines())}
+    assert sorted(lines) == ["suspects/bad.glb", "suspects/walk"]
+    assert lines["suspects/walk"]["verdict"] == "inconclusive"
+
+
 def test_what_is_needed_is_told(folder, monkeypatch, capsys) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert command(monkeypatch, *VERIFY, "--scheduler", "tcp://localhost:8786") == 2
@@ -113,7 +143,10 @@ def test_a_scheduler_that_does_not_answer_is_waited_for_in_vain(
     assert capsys.readouterr().err == f"error: {address}: no scheduler answers there\n"
 
 
-@pytest.mark.parametrize("more", [("--jobs", "2"), ("--commands", "farm")])
-def test_who_does_the_work_is_said_once(folder, monkeypatch, capsys, more) -> None:
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [(("--jobs", "2"), "no --jobs"), (("--commands", "farm"), "no --json or --scheduler")],
+)
+def test_who_does_the_work_is_said_once(folder, monkeypatch, capsys, more, said) -> None:
     assert command(monkeypatch, *VERIFY, "--scheduler", "tcp://localhost:8786", *more) == 2
-    assert "no --jobs or --commands" in capsys.readouterr().err
+    assert said in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,11 @@ from command_line import command
 from marked_studio import record_for_all, rock, write_rocks
 from meshmark import verify
 from meshmark.alignment.likeness import signatures
-from meshmark.commands import identify as identifying
+from meshmark.commands import origin_search as searching
 from meshmark.commands.attack import write_attacked
-from meshmark.commands.identify import identify
+from meshmark.commands.batch import Task
+from meshmark.commands.identification import Request
+from meshmark.commands.identify import identify, identify_file
 from meshmark.embedding.file import mark_file
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
@@ -28,7 +32,9 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
 from meshmark.sources.reading import read
 from meshmark.testing.informed_schemes import horned
+from meshmark.testing.meshes import icosphere
 from meshmark.testing.schemas import schema_folder
+from meshmark_plugins.readers.obj_write import write_new
 
 KEY, OTHER = Key(bytes(range(32))), Key(bytes(range(1, 33)))
 RELIEF = [Recipe("relief")]
@@ -48,7 +54,10 @@ def entry(sequence: int, recipient: str | None, **other: Any) -> dict[str, Any]:
         "source": source,
         "recipient": recipient,
         "key_id": KEY.id,
-        "plugins": {},
+        "plugins": {
+            "segmenter": {"name": "sdf", "parameters": {}},
+            "geodesic": {"name": "heat", "parameters": {}},
+        },
         "layers": [layer],
         "prims": [{"points": 8, "faces": 6}],
     }
@@ -127,14 +136,14 @@ def test_what_is_paid_for_is_every_name_beside_every_original(studio: tuple[Path
 def test_originals_are_measured_once_for_many_suspects(
     studio: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    identifying._signatures_at.cache_clear()
+    searching._signatures_at.cache_clear()
     measured: list[str] = []
 
     def counted(original: Asset) -> Any:
         measured.append(original.source)
         return signatures(original)
 
-    monkeypatch.setattr(identifying, "signatures", counted)
+    monkeypatch.setattr(searching, "signatures", counted)
     suspect = as_asset(horned())
     for _ in range(2):
         identify(suspect, of(studio), {KEY.id: KEY, OTHER.id: OTHER}, most=0)
@@ -220,6 +229,119 @@ def test_originals_are_found_where_their_folder_was_moved_to(
         assert "OLD=NEW" in capsys.readouterr().err
     finally:
         aside.rename(folder / "horns.usdc")
+
+
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Identify a folder of suspects, one of which is none, by a ledger without copies."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MESHMARK_KEYS", "keys")
+    Path("keys").mkdir()
+    KEY.save(Path("keys/one.key"))
+    init("l")
+    Path("suspects").mkdir()
+    write_new(as_asset(MeshAnimation.from_arrays(*icosphere(1))), Path("suspects/walk"))
+    Path("suspects/bad.glb").write_text("not at all")
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = command(monkeypatch, "identify", *arguments, "--ledger", "l", "--trusted")
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def lines_of(text: str) -> dict[str, dict[str, Any]]:
+    """Read lines by source, each once, without what differs from run to run."""
+    schema = json.loads((schema_folder("json") / "identify.schema.json").read_text("utf-8"))
+    told = [json.loads(line) for line in text.splitlines()]
+    for line in told:
+        jsonschema.validate(line, {"$defs": schema["$defs"], "$ref": "#/$defs/line"})
+        line.pop("elapsed_s", None)
+    assert len({line["source"] for line in told}) == len(told)
+    return {line["source"]: line for line in told}
+
+
+def test_many_are_identified_and_resumed(run: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, err = run("suspects", "--resume", "answers", "--jsonl")
+    lines = lines_of(out)
+    assert code == lines["suspects/bad.glb"]["exit_code"] == 3
+    assert lines["suspects/walk"]["verdict"] == "inconclusive"
+    assert err.splitlines()[-1] == "2 sources: 1 inconclusive, 1 failed"
+    assert Path("answers").read_text() == out
+    assert run("suspects", "--resume", "answers", "--jsonl")[:2] == (3, "")
+    # Another key, and another ledger, may know it.
+    OTHER.save(Path("keys/two.key"))
+    assert list(lines_of(run("suspects", "--resume", "answers", "--jsonl")[1])) == list(lines)
+    Ledger("l").append(mark_of(entry(1, "acme")["manifest"], Path("x.usdc")))
+    assert list(lines_of(run("suspects", "--resume", "answers", "--jsonl")[1])) == list(lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("suspects", "--json", "--resume", "a"), 2, "--json is one document"),
+        (("suspects", "--timeout", "-1"), 2, "--timeout must be a positive number"),
+        (("suspects", "--scheduler", "tcp://here:1", "--jobs", "2"), 2, "no --jobs"),
+        (("suspects", "--resume", "keys/one.key"), 3, "line 1 is no answer"),
+        (("suspects", "--resume", "none/a"), 3, "cannot be locked"),
+        (("suspects/*.usd", "--jsonl"), 3, "suspects/*.usd: matches nothing"),
+        (("@none",), 3, "none: cannot be read"),
+    ],
+)
+def test_nonsense_is_told_of_at_once(
+    run: Callable[..., tuple[int, str, str]],
+    tmp_path: Path,
+    words: tuple[str, ...],
+    code: int,
+    said: str,
+) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    found, out, err = run(*words)
+    assert (found, out) == (code, "")
+    assert err.startswith("error: ")
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_keys_are_read_where_a_suspect_is_identified(
+    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request = Request([], Path("keys"), [KEY.id], trusted=True)
+    request.keys()
+    packed = Task(identify_file, request, str(tmp_path)).packed()
+    assert KEY.secret not in packed
+    assert KEY.secret.hex().encode() not in packed
+    monkeypatch.setenv("MESHMARK_VERIFY_MEMORY", "1e6")
+    monkeypatch.chdir("/")
+    assert pickle.loads(packed)("suspects/walk").answer == "inconclusive"
+    (tmp_path / "keys/one.key").unlink()
+    refused = pickle.loads(packed)("suspects/walk")
+    assert (refused.answer, refused.exit_code) == (None, 2)
+    assert f"does not hold the key {KEY.id} here" in refused.error
+
+
+@pytest.mark.slow
+def test_processes_identify_alike(
+    studio: tuple[Path, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder, where = studio
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MESHMARK_KEYS", str(folder / "keys"))
+    Path("bad.usdc").write_text("not at all")
+    Path("list").write_text(f"{folder}/zoe.usdc\nbad.usdc\n")
+    found = []
+    for jobs in ((), ("--jobs", "2")):
+        words = ("identify", "@list", "--ledger", where, "--jsonl", *jobs)
+        assert command(monkeypatch, *words) == 3
+        found.append(lines_of(capsys.readouterr().out))
+    assert found[0] == found[1]
+    assert found[0][str(folder / "zoe.usdc")]["recipient"] == "Zoë 张伟"
 
 
 @pytest.mark.parametrize(

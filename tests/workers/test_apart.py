@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
+import sys
 import tempfile
 import threading
 import time
 
 import pytest
 
-from meshmark.errors import WorkerError
+from meshmark.errors import TimeLimitError, WorkerError
 from meshmark.workers.apart import Apart
 
 
@@ -31,6 +33,26 @@ def test_it_answers_dies_and_answers_again() -> None:
         assert apart("__import__('os').getpid()") != pid
     # What they left behind is gone with them.
     assert not os.path.exists(where)  # noqa: PTH110
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there, others end by themselves")
+def test_what_takes_too_long_is_ended_with_all_it_started(tmp_path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    descriptor = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with Apart(pickle.dumps(eval)) as apart, os.fdopen(descriptor, "rb") as reading:
+        opened = f"open({str(pipe)!r}, 'w')"
+        apart(f"__import__('subprocess').Popen(['sleep', '60'], stdout={opened}) and None")
+        assert not select.select([reading], [], [], 0)[0]
+        # Not before, because to start may take long.
+        apart.seconds = 0.2
+        with pytest.raises(TimeLimitError, match="takes longer"):
+            apart("__import__('time').sleep(60)")
+        # Nobody has it open any more.
+        assert select.select([reading], [], [], 30)[0]
+        assert reading.read() == b""
+        apart.seconds = None
+        assert apart("1 + 1") == 2
 
 
 def test_any_thread_can_end_it() -> None:
