@@ -161,7 +161,7 @@ def _large(V: FloatArray, F: IntArray, label: IntArray) -> list[int]:
     areas, faces = np.bincount(label, face_areas(V, F)), np.bincount(label)
     is_all = areas.max() >= (1.0 - NEGLIGIBLE) * areas.sum() and areas.argmax() == faces.argmax()
     # A small sheet that is attached changes what the large surface is connected like.
-    if is_all and face_components(F).max() == label.max():
+    if is_all and (label.max() == 0 or face_components(F).max() == label.max()):
         return []
     # Triangles of a closed surface are twice as many as its vertices.
     order = np.argsort(-faces, kind="stable")[:MOST_SURFACES]

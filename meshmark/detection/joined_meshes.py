@@ -169,6 +169,9 @@ class JoinedMesh:
 
 def _concatenated(bodies: Sequence[Body]) -> tuple[IntArray, FloatArray, IntArray]:
     """List vertices and triangles of meshes one after the other, as `JoinedMesh` has them."""
+    if len(bodies) == 1:
+        # Its own triangles: what follows from them is remembered.
+        return bodies[0].welding.kept, bodies[0].vertices, bodies[0].faces
     points, V, F = [], [], []
     n_points = n_vertices = 0
     for body in bodies:

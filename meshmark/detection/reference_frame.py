@@ -105,9 +105,10 @@ def readable(animation: MeshAnimation, index: int) -> Frame:
         Naming file, prim and frame, if it does not.
     """
     frame = animation[index]
-    finite = np.isfinite(frame.points).all(axis=1)
-    if finite.all() and np.ptp(frame.points, axis=0).any():
+    points = frame.points
+    if np.isfinite(points).all() and (points != points[:1]).any():
         return frame
+    finite = np.isfinite(points).all(axis=1)
     first = int(np.argmin(finite))
     raise InputError(
         "the mesh has no extent"

@@ -64,7 +64,8 @@ def _about_edges(F: IntArray) -> dict[int, _Sides]:
     low, high = np.minimum(tail, head).astype(np.int64), np.maximum(tail, head).astype(np.int64)
     code = low * (int(F.max(initial=0)) + 1) + high
     order = np.argsort(code, kind="stable")
-    _, start, count = np.unique(code[order], return_index=True, return_counts=True)
+    start = np.flatnonzero(np.diff(code[order], prepend=-1))
+    count = np.diff(start, append=len(order))
     found: dict[int, _Sides] = {}
     for k in range(2, MOST_ABOUT_EDGE + 1):
         sides = order[start[count == k, None] + np.arange(k)]

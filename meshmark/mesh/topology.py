@@ -69,10 +69,7 @@ def polygon_edges(counts: IntArray, indices: IntArray) -> tuple[IntArray, IntArr
     ends = np.cumsum(counts)
     following = np.arange(1, len(indices) + 1)
     following[ends - 1] = ends - counts
-    half = np.stack([indices, indices[following]], axis=1)
-    half = np.sort(half[half[:, 0] != half[:, 1]], axis=1)
-    edges, uses = np.unique(half, axis=0, return_counts=True)
-    return edges, uses
+    return _counted(indices, indices[following])
 
 
 def face_adjacency(F: IntArray) -> tuple[IntArray, IntArray]:
@@ -115,12 +112,18 @@ def counted_edges(F: IntArray) -> tuple[IntArray, IntArray]:
     uses : (E,) int
     """
     a, b = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64).T
+    listed, uses = _counted(a, b)
+    return read_only(listed), read_only(uses)
+
+
+def _counted(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
+    """List each pair (a_i, b_i), whichever comes first, once, and how often it is there."""
     low, high = np.minimum(a, b), np.maximum(a, b)
     proper = low != high
     # One number an edge: sorting numbers is several times quicker than sorting rows.
     n = int(high.max(initial=0)) + 1
     code, count = np.unique(low[proper] * n + high[proper], return_counts=True)
-    return read_only(np.stack([code // n, code % n], axis=1)), read_only(count)
+    return np.stack([code // n, code % n], axis=1), count
 
 
 def any_corner(vertices: NDArray[np.bool_], F: IntArray) -> NDArray[np.bool_]:
@@ -201,12 +204,17 @@ def weld(V: FloatArray, F: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     new : (N,) int
         New index of each old vertex.
     """
-    _, first, inverse = np.unique(V, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    new = rank[inverse.reshape(-1)].astype(np.int64)
-    return V[first[order]], new[F], new
+    order = np.lexsort(V.T)
+    x, y, z = V[order].T
+    # Of coincident vertices, sorting leaves the first one first.
+    starts = np.ones(len(V), dtype=bool)
+    starts[1:] = (x[1:] != x[:-1]) | (y[1:] != y[:-1]) | (z[1:] != z[:-1])
+    kept = np.zeros(len(V), dtype=bool)
+    kept[order[starts]] = True
+    rank = np.cumsum(kept) - 1
+    new = np.empty(len(V), dtype=np.int64)
+    new[order] = rank[order[starts]][np.cumsum(starts) - 1]
+    return V[kept], new[F], new
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,15 +60,15 @@ class Welding:
             raise CapacityError(
                 f"more than {MOST_AROUND} triangles meet in a corner of every face of the mesh"
             )
-        used, F = np.unique(F[proper], return_inverse=True)
-        slot = np.full(int(new.max()) + 1, -1)
-        slot[used] = np.arange(len(used))
-        new = slot[new]
-        kept = np.full(len(used), -1)
+        F = F[proper]
+        used = np.bincount(F.ravel(), minlength=int(new.max()) + 1) > 0
+        slot = np.where(used, np.cumsum(used) - 1, -1)
+        F, new, n = slot[F], slot[new], int(used.sum())
+        kept = np.full(n, -1)
         # Assigned in reverse, so that the first of several coincident points stays.
         points = np.flatnonzero(new >= 0)[::-1]
         kept[new[points]] = points
-        topology = Topology.from_triangles(F.reshape(-1, 3), len(used))
+        topology = Topology.from_triangles(F, n)
         return cls(kept, new, proper, topology)
 
     def frame(self, frame: Frame) -> Frame:
