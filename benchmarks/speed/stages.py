@@ -49,7 +49,7 @@ EMBED_STAGES = (
 )
 LOOK_STAGES = (
     *DISTANCES,
-    ("meshmark.detection.observer", "unsmooth", "undoing smoothing"),
+    ("meshmark.detection.observer", "unsmoothed", "undoing smoothing"),
     (f"{APEX}.anchors.detect", "large_components", "components"),
     (f"{APEX}.anchors.detect", "surface_anchors", "anchors"),
     (f"{APEX}.scheme", "whitening_weights", "whitening"),

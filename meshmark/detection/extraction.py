@@ -53,6 +53,8 @@ class Extraction:
         self.scheme, self.name, self.jobs = scheme, scheme_name, jobs
         # The frame that others are compared with; the first look chooses one among its own.
         self.reference = candidate.reference
+        # That frame, read and welded, for the next look.
+        self._kept: Reference | None = None
         # Frames that cannot be read, and why.
         self.unreadable: dict[int, InputError] = {}
         # Numbers of observations by frame and restoration; of long animations there is much.
@@ -104,7 +106,7 @@ class Extraction:
             If none of the frames can be read.
         """
         wanted = self.restorations if restorations is None else restorations
-        reference = Reference(self.animation, self.settle(frames))
+        reference = self._reference_at(self.settle(frames))
         frames = self._readable(frames)
         missing = [t for t in frames if any((t, n) not in self._seen for n in wanted)]
         new = tuple(n for n in wanted if any((t, n) not in self._seen for t in missing))
@@ -145,6 +147,15 @@ class Extraction:
             part=self.candidate.part,
             also=self.candidate.also,
         )
+
+    def release(self) -> None:
+        """Give up what is kept of the reference frame; it is read again when it is needed."""
+        self._kept = None
+
+    def _reference_at(self, index: int) -> Reference:
+        if self._kept is None:
+            self._kept = Reference(self.animation, index)
+        return self._kept
 
     def _measured(
         self, observer: Observer, frames: Sequence[int]

@@ -154,7 +154,13 @@ class Survey:
 
     def evidence(self, views: Sequence[Extraction], look: Look) -> list[Evidence]:
         """Measure what a look shows; what was measured before is not measured again."""
-        return [item for view in views for item in self._evidence(view, look)]
+        items: list[Evidence] = []
+        for view in views:
+            items += self._evidence(view, look)
+            if len(views) > 1:
+                # Of many large meshes, it would be too much.
+                view.release()
+        return items
 
     def seen(self, views: Sequence[Extraction]) -> tuple[int, int]:
         """Count the frames that the last look was at, and all there are, of the longest mesh."""

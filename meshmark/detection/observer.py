@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from meshmark.detection.evidence import in_steps
 from meshmark.detection.reference_frame import readable
-from meshmark.detection.unsmoothing import unsmooth
+from meshmark.detection.unsmoothing import unsmoothed
 from meshmark.errors import CapacityError, InputError, NoLayoutError
 from meshmark.extension.carrier import Observation
 from meshmark.extension.interfaces import Scheme
@@ -44,6 +45,23 @@ class Reference:
         """The mesh as analysis sees it, in all frames that share its topology."""
         return Welding.of(self.frame)
 
+    @cached_property
+    def analysed(self) -> Frame:
+        """The frame as it stands, as analysis sees it."""
+        return self.welding.frame(self.frame)
+
+    @cached_property
+    def _restored(self) -> dict[int, Frame]:
+        return {0: self.analysed}
+
+    def restored(self, counts: Sequence[int]) -> dict[int, Frame]:
+        """Return it with smoothing undone, as analysis sees it, for some counts of iterations."""
+        new = [n for n in counts if n not in self._restored]
+        for n, frame in zip(new, unsmoothed(self.frame, new), strict=True):
+            seen = self.welding.frame(frame)
+            self._restored[n] = replace(seen, as_found=self.analysed)
+        return {n: self._restored[n] for n in counts}
+
 
 @dataclass(frozen=True, eq=False)
 class Observer:
@@ -74,9 +92,8 @@ class Observer:
         """
         if not self.reference.animation.constant_topology:
             return {}
-        frame = self.reference.frame
         try:
-            return {n: self.reference.welding.frame(unsmooth(frame, n)) for n in self.restorations}
+            return self.reference.restored(self.restorations)
         except CapacityError as error:
             raise (
                 NoLayoutError(error.message) if self.scheme.follows_vertices else error
@@ -88,21 +105,28 @@ class Observer:
         A frame that cannot be read gives the reason.
         """
         reference = self.reference
+        here = index == reference.index
         try:
-            here = index == reference.index
             frame = reference.frame if here else readable(reference.animation, index)
         except InputError as error:
             return error
         except CapacityError:
             return (None,) * len(self.restorations)
-        return tuple(_compact(self._observe(unsmooth(frame, n), n)) for n in self.restorations)
+        if here and reference.animation.constant_topology:
+            return tuple(_compact(self._observe(None, n)) for n in self.restorations)
+        restored = zip(self.restorations, unsmoothed(frame, self.restorations), strict=True)
+        return tuple(_compact(self._observe(frame, n)) for n, frame in restored)
 
-    def _observe(self, frame: Frame, restored: int) -> Observation | None:
+    def _observe(self, frame: Frame | None, restored: int) -> Observation | None:
+        """Observe a frame, or the reference itself."""
         try:
             with breakdown_means_no_capacity():
                 reference = self.references.get(restored)
-                welding = Welding.of(frame) if reference is None else self.reference.welding
-                return self.scheme.observe(welding.frame(frame), reference)
+                if reference is None:
+                    assert frame is not None
+                    return self.scheme.observe(Welding.of(frame).frame(frame))
+                seen = reference if frame is None else self.reference.welding.frame(frame)
+                return self.scheme.observe(seen, reference)
         except NoLayoutError:
             # What the reference lacks, all frames lack.
             raise

@@ -6,11 +6,12 @@ tried costs belief, and none needs the key.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, eye_array
 
 from meshmark.arrays import FloatArray
 from meshmark.mesh.animation import Frame
@@ -26,26 +27,29 @@ DEGREE = 28
 HIGHEST = 2.0
 
 
-def unsmooth(frame: Frame, iterations: int) -> Frame:
-    """Undo umbrella smoothing, as far as noise allows.
+def unsmoothed(frame: Frame, counts: Sequence[int]) -> tuple[Frame, ...]:
+    """Undo umbrella smoothing, as far as noise allows; for each of several amounts.
 
     Parameters
     ----------
     frame : Frame
         A frame, on the connectivity it was smoothed with.
-    iterations : int
-        How often it was smoothed; 0 returns the frame itself.
+    counts : sequence of int
+        How often it may have been smoothed; for 0, it is the frame itself.
 
     Notes
     -----
     With S = 1 + lambda L the smoothing step, X <- X + (V - S^n X), repeated from X = V, undoes
-    n steps as a regularised inverse does: it is a polynomial in L, here evaluated by its
-    Chebyshev series, which takes some thirty applications of L instead of `STEPS` n.
+    n steps as a regularised inverse does: it is a polynomial in L. Here all of them are evaluated
+    by their series in the same Chebyshev polynomials, which takes some thirty applications of L
+    instead of `STEPS` n for each.
     """
-    if iterations == 0:
-        return frame
-    L = polygon_umbrella(frame.topology)
-    return frame.moved(_clenshaw(L, frame.points, _coefficients(iterations)))
+    wanted = tuple(dict.fromkeys(n for n in counts if n))
+    points = {}
+    if wanted:
+        L = polygon_umbrella(frame.topology)
+        points = dict(zip(wanted, _series(L, frame.points, wanted), strict=True))
+    return tuple(frame.moved(points[n]) if n else frame for n in counts)
 
 
 @lru_cache(maxsize=16)
@@ -56,13 +60,15 @@ def _coefficients(iterations: int) -> FloatArray:
     return np.asarray(chebyshev.chebfit(nodes, gain, DEGREE), dtype=np.float64)
 
 
-def _clenshaw(L: csr_matrix, V: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Evaluate a Chebyshev series in the operator -L, scaled from [0, `HIGHEST`] to [-1, 1]."""
-    later, latest = np.zeros_like(V), np.zeros_like(V)
-    for c in coefficients[:0:-1]:
-        later, latest = 2.0 * _scaled(L, later) - latest + c * V, later
-    return _scaled(L, later) - latest + coefficients[0] * V
-
-
-def _scaled(L: csr_matrix, X: FloatArray) -> FloatArray:
-    return -(2.0 / HIGHEST) * (L @ X) - X
+def _series(L: csr_matrix, V: FloatArray, counts: Sequence[int]) -> list[FloatArray]:
+    """Evaluate Chebyshev series in the operator -L, scaled from [0, `HIGHEST`] to [-1, 1]."""
+    A = csr_matrix(-(2.0 / HIGHEST) * L - eye_array(len(V)))
+    coefficients = np.array([_coefficients(n) for n in counts])
+    sums = [c * V for c in coefficients[:, 0]]
+    before, term = V, A @ V
+    for k in range(1, DEGREE + 1):
+        for total, c in zip(sums, coefficients[:, k].tolist(), strict=True):
+            total += c * term
+        if k < DEGREE:
+            before, term = term, 2.0 * (A @ term) - before
+    return sums

@@ -26,11 +26,14 @@ class Frame:
         Vertex positions in world space, in the source's length unit.
     topology : Topology
         The polygons.
+    as_found : Frame or None
+        What this one was made of, where it shows a copy as it may have been before an attack.
     """
 
     time: float
     points: FloatArray
     topology: Topology
+    as_found: Frame | None = None
 
     @property
     def faces(self) -> IntArray:

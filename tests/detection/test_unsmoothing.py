@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.detection.unsmoothing import STEPS, unsmooth
+from meshmark.detection.unsmoothing import STEPS, unsmoothed
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.mesh.topology import Topology
@@ -15,6 +15,18 @@ def bumpy() -> Frame:
     V, F = icosphere(4)
     V = V * (1 + 0.02 * np.sin(20 * V[:, :1]) * np.cos(17 * V[:, 1:2]))
     return Frame(1.0, V, Topology.from_triangles(F, len(V)))
+
+
+def unsmooth(frame: Frame, n: int) -> Frame:
+    (restored,) = unsmoothed(frame, [n])
+    return restored
+
+
+def test_several_amounts_are_undone_at_once(bumpy) -> None:
+    together = unsmoothed(bumpy, [50, 0, 10, 50])
+    assert together[1] is bumpy
+    for n, restored in zip([50, 10, 50], [together[0], *together[2:]], strict=True):
+        np.testing.assert_array_equal(restored.points, unsmooth(bumpy, n).points)
 
 
 @pytest.mark.parametrize(("n", "atol"), [(10, 1e-13), (30, 1e-7), (50, 1e-5)])

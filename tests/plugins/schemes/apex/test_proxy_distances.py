@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark.detection.extraction import Extraction
+from meshmark.detection.observer import Observer, Reference
 from meshmark.errors import CapacityError
-from meshmark.mesh.animation import Frame
+from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import build_proxy
 from meshmark.mesh.topology import Topology
@@ -135,3 +137,29 @@ def test_parts_too_thin_for_a_proxy_are_measured_as_they_are(monkeypatch):
     found = Apex().observe(frame)
     monkeypatch.setattr(proxies, "MOST_VERTICES", 10_000)
     np.testing.assert_array_equal(found.soft, Apex().observe(frame).soft)
+
+
+def test_looks_restorations_and_frames_share_one_proxy(monkeypatch):
+    built = []
+
+    def counted(V, F, n_samples):
+        built.append(V)
+        return build_proxy(V, F, n_samples)
+
+    monkeypatch.setattr(proxies, "MOST_VERTICES", 1_000)
+    monkeypatch.setattr(proxies, "PROXY_VERTICES", 1_000)
+    monkeypatch.setattr(proxies, "build_proxy", counted)
+    V, F = bumpy_sphere(4, HORNS)
+    animation = MeshAnimation.from_arrays(np.stack([V, V * [1.0, 1.1, 1.0]]), F)
+    view = Extraction(animation, Apex(), "apex")
+    view.look([0], (0,))
+    assert [variant.restored for variant in view.look([0, 1]).variants] == [0, 10, 30, 50]
+    assert len(built) == 1
+    # It is built in the frame as it was found, whatever is asked for first.
+    backwards, forwards = (
+        Observer(Reference(animation, 0), Apex(), counts)(1) for counts in ((50, 0), (0, 50))
+    )
+    for one, two in zip(backwards, reversed(forwards), strict=True):
+        np.testing.assert_array_equal(one.soft, two.soft)
+    for points in built:
+        np.testing.assert_array_equal(points, V)

@@ -58,7 +58,15 @@ def marking_proxies(V: FloatArray, F: IntArray) -> Proxies:
     return proxies
 
 
-@lru_cache(maxsize=4)
 def proxies_of(frame: Frame) -> Proxies:
-    """Return the proxies built in the pose of a frame; remembered for the frames used last."""
+    """Return the proxies built in the pose of a frame, as it was found in the copy.
+
+    What is as it may have been before an attack shares them: its vertices have hardly moved.
+    """
+    return _built_in(frame if frame.as_found is None else frame.as_found)
+
+
+@lru_cache(maxsize=4)
+def _built_in(frame: Frame) -> Proxies:
+    """Remembered for the frames used last, which many others share."""
     return Proxies(frame.points)
