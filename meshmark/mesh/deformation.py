@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import lengths
-from meshmark.mesh.kernels import compiled
 from meshmark.mesh.topology import edges
 
 # Edges shorter than this share of their one-ring's RMS length gain no further weight: their

@@ -7,8 +7,8 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.csgraph import dijkstra
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import lengths
-from meshmark.mesh.kernels import compiled
 from meshmark.mesh.topology import any_corner, edges
 
 # Longest move of a vertex, in mean lengths of its own edges: a vertex that slid farther would

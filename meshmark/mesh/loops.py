@@ -1,4 +1,4 @@
-"""Loops that numba compiles; `meshmark.mesh.kernels` decides whether they are used.
+"""Loops that numba compiles; `meshmark.kernels` decides whether they are used.
 
 Arrays are contiguous, of float64, int64 or bool. The functions of the same names, which the loops
 stand in for, say what they do.
@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
+from meshmark.kernels import compile_loop
 from meshmark.mesh.geometry import FLAT, TINY
-from meshmark.mesh.kernels import compile_loop
 
 # Triangles of a leaf of the tree.
 LEAF = 2

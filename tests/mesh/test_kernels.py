@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshmark.mesh import deformation, flip_guard, kernels
+from meshmark import kernels
+from meshmark.mesh import deformation, flip_guard
 from meshmark.mesh.geometry import edge_length
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex.marking import gradients, sliding
@@ -90,7 +91,7 @@ def test_spreads(crumpled):
 
 def test_each_loop_has_a_twin_of_the_same_parameters():
     """A loop that no function uses would not be tested; one with others would go wrong."""
-    loops = kernels.load_loops()
+    loops = kernels.load_loops(kernels.MESH_LOOPS)
     public = {
         name: loop
         for name, loop in vars(loops).items()
@@ -111,7 +112,7 @@ def test_loops_are_compiled_once_whatever_arrays_they_get():
     for other in (fixed, np.asfortranarray(V), np.repeat(V, 2, axis=0)[::2]):
         found = gradients.growth_directions(other, F.astype(np.int32), H)
         np.testing.assert_array_equal(found, wanted)
-    assert len(kernels.load_loops().growth_directions.signatures) == 1
+    assert len(kernels.load_loops(kernels.MESH_LOOPS).growth_directions.signatures) == 1
 
 
 def test_without_numba_the_twins_work(monkeypatch):
@@ -121,12 +122,12 @@ def test_without_numba_the_twins_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba.core.config", None)
     kernels._load_loops.cache_clear()
     try:
-        assert kernels.load_loops() is None
+        assert kernels.load_loops(kernels.MESH_LOOPS) is None
         np.testing.assert_allclose(gradients.growth_directions(V, F, H), with_loops, atol=1e-14)
     finally:
         monkeypatch.undo()
         kernels._load_loops.cache_clear()
-    assert kernels.load_loops() is not None
+    assert kernels.load_loops(kernels.MESH_LOOPS) is not None
 
 
 def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch):
@@ -142,8 +143,8 @@ warnings.simplefilter("error")
 yaml = types.ModuleType("yaml")
 yaml.safe_load = lambda file: print("settings were read")
 {before}sys.modules["yaml"] = yaml
-from meshmark.mesh.kernels import load_loops
-loops = load_loops()
+from meshmark.kernels import MESH_LOOPS, load_loops
+loops = load_loops(MESH_LOOPS)
 sys.modules["yaml"] = yaml
 import numba
 numba.core.config.reload_config()
@@ -165,5 +166,5 @@ def test_no_settings_are_read_in_the_working_directory(tmp_path: Path, before: s
         check=False,
         timeout=100,
     )
-    assert done.stdout == f"True {kernels.LOOPS}\n", done.stderr
+    assert done.stdout == f"True {kernels.MESH_LOOPS}\n", done.stderr
     assert [path.name for path in tmp_path.iterdir()] == [".numba_config.yaml"]

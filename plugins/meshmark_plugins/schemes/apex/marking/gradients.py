@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
-from meshmark.mesh.kernels import compiled
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
-from meshmark.mesh.kernels import compiled
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
 REFERENCE_SPREAD = 0.003

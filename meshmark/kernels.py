@@ -17,7 +17,8 @@ import numpy as np
 P = ParamSpec("P")
 R = TypeVar("R")
 
-LOOPS = "meshmark.mesh.loops"
+# Where loops are that stand in for functions on meshes.
+MESH_LOOPS = "meshmark.mesh.loops"
 _importing = Lock()
 
 
@@ -31,7 +32,7 @@ def compiled(twin: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(twin)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        loops = load_loops()
+        loops = load_loops(MESH_LOOPS)
         if loops is None:
             return twin(*args, **kwargs)
         return getattr(loops, twin.__name__)(*map(plain, args), **kwargs)
@@ -39,19 +40,22 @@ def compiled(twin: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-def load_loops() -> ModuleType | None:
-    """Import the compiled loops; None where numba is missing, as there are no wheels for all."""
+def load_loops(name: str) -> ModuleType | None:
+    """Import a module of compiled loops; None where numba is missing.
+
+    There are no wheels of it for all machines.
+    """
     with _importing:
-        return _load_loops()
+        return _load_loops(name)
 
 
 @cache
-def _load_loops() -> ModuleType | None:
+def _load_loops(name: str) -> ModuleType | None:
     try:
         _import_numba()
     except (ImportError, OSError):
         return None
-    return importlib.import_module(LOOPS)
+    return importlib.import_module(name)
 
 
 def compile_loop(function: Callable[P, R]) -> Callable[P, R]:
