@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import os
 import re
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from meshmark.errors import InputError, OutputError
 from meshmark.files.atomic import write_private
 from meshmark.files.reading import read_small
+from meshmark.hashing.hmac_sha256 import DIGEST_BYTES, codes
 
 KEY_BYTES = 32
 KEY_SUFFIX = ".key"
@@ -28,13 +28,10 @@ _HEADER = "meshmark-key-1"
 _TEXT = re.compile(rf"{_HEADER}\s+([0-9a-f]{{{2 * KEY_BYTES}}})\s*")
 # Whoever edits a key file may leave blanks in it, but no more than that.
 _MOST = 1 << 12  # bytes
-# HKDF-SHA256 yields at most 255 blocks of 32 bytes.
-_BLOCK = 32
-_HKDF_LIMIT = 255 * _BLOCK
+# HKDF-SHA256 yields at most 255 blocks.
+_HKDF_LIMIT = 255 * DIGEST_BYTES
 # What all labels begin with.
 _CONTEXT = "meshmark/1/"
-# HMAC's two blocks are the key with each byte changed so.
-_INNER, _OUTER = (bytes(b ^ pad for b in range(256)) for pad in (0x36, 0x5C))
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,31 +112,6 @@ class Key:
         """Derive the code words of many recipients, (n, n_words, n_chips); see `words`."""
         return words_of_keys((self,), scheme, range(n_words), n_chips, recipients)[0]
 
-    def _derive_numbered(
-        self, labels: Iterable[bytes], ends: Sequence[bytes], n_bytes: int
-    ) -> list[bytes]:
-        """Derive at least `n_bytes` under each of many labels with each of the ends behind it.
-
-        Up to 32 bytes are the first block of HKDF, HMAC(key, label 1), and HMAC is a hash of a
-        hash, each after a block made from the key (RFC 2104). What labels begin with is hashed
-        once.
-        """
-        if n_bytes > _BLOCK:
-            return [self._expanded(label + end, n_bytes) for label in labels for end in ends]
-        key = self._extracted.ljust(hashlib.sha256().block_size, b"\0")
-        inner, outer = hashlib.sha256(key.translate(_INNER)), hashlib.sha256(key.translate(_OUTER))
-        last = [end + b"\x01" for end in ends]
-        derived = []
-        for label in labels:
-            begun = inner.copy()
-            begun.update(label)
-            for end in last:
-                inside, outside = begun.copy(), outer.copy()
-                inside.update(end)
-                outside.update(inside.digest())
-                derived.append(outside.digest())
-        return derived
-
     def generator(self, label: str) -> np.random.Generator:
         """Seed a numpy generator by the key, for choices that detection need not repeat."""
         return np.random.Generator(
@@ -200,12 +172,39 @@ def words_of_keys(
     -------
     (len(keys), len(recipients), len(numbers), n_chips) int8
     """
+    return signs_of(octets_of_keys(keys, scheme, numbers, n_chips, recipients), n_chips)
+
+
+def octets_of_keys(
+    keys: Sequence[Key],
+    scheme: str,
+    numbers: Iterable[int],
+    n_chips: int,
+    recipients: Sequence[str | None] = (None,),
+) -> NDArray[np.uint8]:
+    """Derive the same words a bit a chip, the most significant first.
+
+    Returns
+    -------
+    (len(keys), len(recipients), len(numbers), -(-n_chips // 8)) uint8
+    """
     n_bytes = -(-n_chips // 8)
     ends = [b"%d" % m for m in numbers]
-    labels = [f"{_CONTEXT}word/{scheme}/{_whose(name)}/".encode() for name in recipients]
-    derived = b"".join(b"".join(key._derive_numbered(labels, ends, n_bytes)) for key in keys)
-    shape = (len(keys), len(recipients), len(ends), max(n_bytes, _BLOCK))
-    octets = np.frombuffer(derived, np.uint8).reshape(shape)[..., :n_bytes]
+    begun = [f"{_CONTEXT}word/{scheme}/{_whose(name)}/".encode() for name in recipients]
+    labels = [label + end for label in begun for end in ends]
+    if n_bytes <= DIGEST_BYTES:
+        # The first block that HKDF yields is the code of a label and a one.
+        octets = codes(
+            [key._extracted for key in keys], [each + b"\x01" for each in labels], n_bytes
+        )
+    else:
+        derived = [key._expanded(label, n_bytes) for key in keys for label in labels]
+        octets = np.frombuffer(b"".join(derived), np.uint8)
+    return octets.reshape(len(keys), len(begun), len(ends), n_bytes)
+
+
+def signs_of(octets: NDArray[np.uint8], n_chips: int) -> NDArray[np.int8]:
+    """Turn the bits of words (..., B) into signs, (..., n_chips) int8."""
     return 2 * np.unpackbits(octets, axis=-1, count=n_chips).astype(np.int8) - 1
 
 
