@@ -24,14 +24,14 @@ from meshmark.detection.key_screen import KeyScreen, KeyWords, WordsNeeded
 from meshmark.detection.verdict import Answer, Verdict
 from meshmark.detection.verify import judge_all
 from meshmark.errors import InputError, MeshmarkError
-from meshmark.keys import Key, words_of_keys
+from meshmark.keys import Key, octets_of_keys
 from meshmark.recipients import spellings
 from meshmark.workers.ordered_map import ordered_map, sharing_workers
 
 # So few keys are all judged exactly.
 FEW_KEYS = 4
 # Keys times names whose words are held at once, and files that one task reads.
-PAIRS_AT_ONCE, FILES_AT_ONCE = 16384, 8
+PAIRS_AT_ONCE, FILES_AT_ONCE = 32768, 8
 # Of more files than this, all words of a key are derived once, rather than the few each asks for.
 FEW_FILES = 8
 
@@ -136,6 +136,7 @@ class _Ask:
         self._keys, self._names = keys, (None, *names)
         self._fpr, self._authenticated = fpr, authenticated
         self._derives_all = n_files > FEW_FILES
+        self._n_pairs = len(keys) * len(self._names) * n_files
         self._derived: tuple[tuple[int, int], _Words] | None = None
 
     def __call__(self, task: tuple[tuple[Path, ...], int, int]) -> list[Trial | Refusal]:
@@ -190,7 +191,7 @@ class _Ask:
         """Choose keys to be judged, and tell what is to be said if there are none."""
         if len(self._keys) <= FEW_KEYS:
             return words.keys, "not marked"
-        screen = KeyScreen(evidence, len(self._names), self._share)
+        screen = KeyScreen(evidence, len(self._names), self._share, self._n_pairs)
         derived = {scheme: words.of(scheme, needed) for scheme, needed in screen.needed.items()}
         fits = screen.may_be_found(derived, len(words.keys) * len(self._names))
         kept = fits.reshape(len(words.keys), len(self._names)).any(axis=1)
@@ -221,10 +222,10 @@ class _Words:
         known = self._known.get(scheme)
         if known is not None and _holds(known[0], needed):
             return known[1]
-        words = words_of_keys(
+        octets = octets_of_keys(
             self.keys, scheme, needed.numbers.tolist(), needed.n_chips, self._names
         )
-        derived = KeyWords(needed.numbers, words.reshape(-1, *words.shape[2:]))
+        derived = KeyWords(needed.numbers, octets.reshape(-1, *octets.shape[2:]))
         self._known[scheme] = needed, derived
         return derived
 

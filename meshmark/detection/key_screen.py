@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from meshmark.arrays import BoolArray, FloatArray, IntArray, SignArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.detection.decision import corrected_for
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import AssetEvidence
 from meshmark.detection.joint_verdict import joint_log10_p
 from meshmark.detection.pooling import Pool
-from meshmark.detection.significance import ROUNDING, log10_p_of, screen_of
+from meshmark.detection.significance import ROUNDING, log10_p_of, screened
 from meshmark.detection.verdict import Answer
+from meshmark.keys import signs_of
 from meshmark.statistics.p_values import word_log_e_means
+from meshmark.statistics.screening import Screen
+from meshmark.statistics.sieve import MOST_CHIPS, Octets, Sieve
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +56,21 @@ class KeyWords:
     ----------
     numbers : (U,) int
         Which of the words, in order.
-    words : (n, U, K) int
+    octets : (n, U, B) uint8
+        Their chips as bits, the most significant first.
     """
 
     numbers: IntArray
-    words: SignArray
+    octets: Octets
 
-    def some(self, numbers: IntArray, n_chips: int) -> SignArray:
-        """Take some of the words, (n, len(numbers), n_chips)."""
+    def some(self, numbers: IntArray, n_chips: int) -> Octets:
+        """Take some of the words, (n, len(numbers), B) with fewer bytes."""
         at = np.searchsorted(self.numbers, numbers)
-        return self.words[:, at, :n_chips]
+        return self.octets[:, at, : -(-n_chips // 8)]
 
     def of(self, keys: IntArray) -> KeyWords:
         """Keep those of some keys or names."""
-        return KeyWords(self.numbers, self.words[keys])
+        return KeyWords(self.numbers, self.octets[keys])
 
 
 class KeyScreen:
@@ -84,14 +87,16 @@ class KeyScreen:
         Names tried of each key, the owner included.
     fpr : float
         The share of the rate that each key has.
+    n_pairs : int
+        Keys and names times sources that are tried in all.
     """
 
-    def __init__(self, evidence: AssetEvidence, n_names: int, fpr: float) -> None:
+    def __init__(self, evidence: AssetEvidence, n_names: int, fpr: float, n_pairs: int = 0) -> None:
         self._log10_fpr = float(np.log10(fpr))
         sides = _sides(evidence)
         # Weak evidence of either side may count together with the other's.
-        limit = self._log10_fpr if len(sides) == 1 else 0.0
-        self._sides = [_Side(items, n * n_names, limit) for items, n in sides]
+        limit = self._log10_fpr if len(sides) == 1 else None
+        self._sides = [_Side(items, n * n_names, limit, n_pairs) for items, n in sides]
         self.needed: dict[str, WordsNeeded] = {}
         for side in self._sides:
             for one in side.tried:
@@ -145,14 +150,14 @@ class _Tried:
     correction : float
         What log10 p is corrected by.
     bound, exact : callable
-        Bounds log10 p of words (n, U, K) from below, roughly or closely, before it is corrected.
+        Bounds log10 p of words (n, U, B) from below, roughly or closely, before it is corrected.
     """
 
     scheme: str
     needed: WordsNeeded
     correction: float
-    bound: Callable[[SignArray], FloatArray]
-    exact: Callable[[SignArray], FloatArray]
+    bound: Callable[[Octets], FloatArray]
+    exact: Callable[[Octets], FloatArray]
 
     def log10_p(self, words: Mapping[str, KeyWords], exactly: bool) -> FloatArray:
         mine = words[self.scheme].some(self.needed.numbers, self.needed.n_chips)
@@ -162,7 +167,13 @@ class _Tried:
 class _Side:
     """What is judged by itself: meshes, parts and pools, by every scheme."""
 
-    def __init__(self, items: Sequence[Evidence], hypotheses: float, log10_limit: float) -> None:
+    def __init__(
+        self,
+        items: Sequence[Evidence],
+        hypotheses: float,
+        log10_limit: float | None,
+        n_pairs: int,
+    ) -> None:
         corrections, pools = corrected_for(items, float(np.log10(hypotheses)))
         held = [
             (item, float(correction))
@@ -170,7 +181,7 @@ class _Side:
             if item.held.any()
         ]
         self.tried = [
-            *(_item(item, correction, log10_limit) for item, correction in held),
+            *(_item(item, correction, log10_limit, n_pairs) for item, correction in held),
             *(_pool(pool, correction) for pool, correction in pools),
         ]
         self.reachable = min(
@@ -187,32 +198,48 @@ class _Side:
         return np.minimum(0.0, np.min(each, axis=0)) if each else np.zeros(n)
 
 
-def _item(item: Evidence, correction: float, log10_limit: float) -> _Tried:
-    screen = screen_of(item, log10_limit - correction)
-    if screen is None:
+def _item(item: Evidence, correction: float, log10_limit: float | None, n_pairs: int) -> _Tried:
+    """Choose how the words of a mesh or part are bounded; None as a limit is for any."""
+    parts = screened(item)
+    if not parts:
         needed = WordsNeeded(item.n_words, item.n_chips, np.arange(item.n_words))
-        of_item = partial(log10_p_of, item)
+
+        def of_item(octets: Octets) -> FloatArray:
+            return log10_p_of(item, signs_of(octets, item.n_chips))
+
         return _Tried(item.scheme, needed, correction, of_item, of_item)
-    needed = WordsNeeded(item.n_words, item.n_chips, screen.words)
+    if log10_limit is None or item.carriers * item.n_chips > MOST_CHIPS:
+        # Whatever reaches 0 counts.
+        screen = Screen(parts, item.n_words, float(correction * np.log(10.0)))
+        needed = WordsNeeded(item.n_words, item.n_chips, screen.words)
 
-    def bound(words: SignArray) -> FloatArray:
-        return -screen.log_e_bounds(words) / np.log(10.0) - ROUNDING
+        def bound(octets: Octets) -> FloatArray:
+            log_e = screen.log_e_bounds(signs_of(octets, item.n_chips))
+            return -log_e / np.log(10.0) - ROUNDING
 
-    def exact(words: SignArray) -> FloatArray:
+        def reached(octets: Octets) -> BoolArray:
+            return screen.bounds_by_part(signs_of(octets, item.n_chips)) > -np.inf
+    else:
+        least = float((correction - log10_limit) * np.log(10.0))
+        sieve = Sieve(parts, item.n_words, least, n_pairs)
+        needed = WordsNeeded(item.n_words, item.n_chips, sieve.words)
+        reached = sieve.passed
+
+        def bound(octets: Octets) -> FloatArray:
+            return np.where(reached(octets).any(axis=0), -np.inf, np.inf)
+
+    def exact(octets: Octets) -> FloatArray:
         # No other words are looked at.
-        all_words = np.zeros((len(words), item.n_words, item.n_chips), np.int8)
-        all_words[:, needed.numbers] = words
+        words = np.zeros((len(octets), item.n_words, item.n_chips), np.int8)
+        words[:, needed.numbers] = signs_of(octets, item.n_chips)
         found = np.full(len(words), -np.inf)
-        by_part = screen.bounds_by_part(words)
-        for variant, reached in zip(item.variants, by_part > -np.inf, strict=True):
-            some = np.flatnonzero(reached)
+        for part, of_part in zip(parts, reached(octets), strict=True):
+            some = np.flatnonzero(of_part)
             if len(some):
-                of_some = word_log_e_means(
-                    variant.pooled, variant.belief, all_words[some], variant.posterior
-                )
+                of_some = word_log_e_means(part.S, part.log_prior, words[some], part.posterior)
                 found[some] = np.maximum(found[some], of_some)
         # All are worth no more than as many of the best of them.
-        return -(found + np.log(len(item.variants))) / np.log(10.0) - ROUNDING
+        return -(found + np.log(len(parts))) / np.log(10.0) - ROUNDING
 
     return _Tried(item.scheme, needed, correction, bound, exact)
 
@@ -220,9 +247,11 @@ def _item(item: Evidence, correction: float, log10_limit: float) -> _Tried:
 def _pool(pool: Pool, correction: float) -> _Tried:
     needed = WordsNeeded(pool.n_words, pool.n_chips, np.arange(pool.n_words))
 
-    def bound(words: SignArray) -> FloatArray:
-        return -pool.log_e_bounds(words) / np.log(10.0) - ROUNDING
+    def bound(octets: Octets) -> FloatArray:
+        log_e = pool.log_e_bounds(signs_of(octets, pool.n_chips))
+        return -log_e / np.log(10.0) - ROUNDING
 
-    return _Tried(
-        pool.scheme, needed, correction, pool.log10_p if pool.n_words == 1 else bound, pool.log10_p
-    )
+    def exact(octets: Octets) -> FloatArray:
+        return pool.log10_p(signs_of(octets, pool.n_chips))
+
+    return _Tried(pool.scheme, needed, correction, exact if pool.n_words == 1 else bound, exact)

@@ -129,14 +129,20 @@ def screen_of(evidence: Evidence, log10_limit: float = np.inf) -> Screen | None:
     Screen or None
         None where all carriers share one word, or may hold any: exact numbers are as quick.
     """
+    parts = screened(evidence)
+    if not parts:
+        return None
+    return Screen(parts, evidence.n_words, -log10_limit * float(np.log(10.0)))
+
+
+def screened(evidence: Evidence) -> list[Screened]:
+    """List the ways to read a mesh of which quick bounds are known; none but if of all."""
     parts = [
         Screened(variant.pooled, variant.belief, variant.posterior)
         for variant in evidence.variants
         if variant.posterior is not None
     ]
-    if evidence.n_words == 1 or len(parts) < len(evidence.variants):
-        return None
-    return Screen(parts, evidence.n_words, -log10_limit * float(np.log(10.0)))
+    return [] if evidence.n_words == 1 or len(parts) < len(evidence.variants) else parts
 
 
 def log10_p_of_names(evidence: Evidence, key: Key, recipients: Sequence[str | None]) -> FloatArray:

@@ -27,7 +27,7 @@ FEW = 128
 # By this single precision errs at most in a log e-value.
 ROUNDING = 1e-3
 # What the largest terms of a mean sum up to at most, beside the largest of them all.
-_LOG_WEIGHT = float(np.log(N_TOP_TERMS * SHIFT_PRIOR.max() / len(TILTS)))
+LOG_WEIGHT = float(np.log(N_TOP_TERMS * SHIFT_PRIOR.max() / len(TILTS)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +144,14 @@ class _Part:
         lines = list(_lines(item.S))
         size = np.abs(item.S).sum(axis=-1)
         best = [(slope * (size - zero)).sum(axis=-1) + item.log_prior for slope, zero in lines]
-        matters = np.array(best) + _LOG_WEIGHT + ROUNDING >= least
+        matters = np.array(best) + LOG_WEIGHT + ROUNDING >= least
         r, j = np.flatnonzero(matters.any(axis=0)), np.flatnonzero(matters.any(axis=1))
         slopes, zeros = (np.array(each)[np.ix_(j, r)] for each in zip(*lines, strict=True))
         offsets = item.log_prior[r] - (slopes * zeros).sum(axis=-1)
         # The best of words would add so much after each carrier.
         most = np.moveaxis(slopes * np.maximum(size[r], zeros), -1, 0)
         to_come = most.sum(axis=0) - np.cumsum(most, axis=0)
-        needed = least - _LOG_WEIGHT - ROUNDING - offsets - to_come
+        needed = least - LOG_WEIGHT - ROUNDING - offsets - to_come
         return cls(
             item.S[r].astype(np.float32),
             [
@@ -187,7 +187,7 @@ class _Part:
                     left, signs, total = left[alive], signs[..., alive], total[..., alive]
         if len(left):
             best = (total + self.offsets[..., None]).max(axis=(0, 1))
-            found[left] = best + (_LOG_WEIGHT + ROUNDING)
+            found[left] = best + (LOG_WEIGHT + ROUNDING)
         return found
 
     def _best_scores(

@@ -9,7 +9,7 @@ from detection.stored_sources import N_WORDS, beside_the_original, key, mesh, so
 from meshmark.detection.evidence_store import asset_evidence
 from meshmark.detection.key_screen import KeyScreen, KeyWords, WordsNeeded
 from meshmark.detection.verify import judge_all
-from meshmark.keys import words_of_keys
+from meshmark.keys import octets_of_keys, signs_of, words_of_keys
 
 KEYS = [key(n) for n in range(40)]
 NAMES = (None, "acme")
@@ -18,8 +18,8 @@ NAMES = (None, "acme")
 def derived(screen: KeyScreen) -> dict[str, KeyWords]:
     found = {}
     for scheme, needed in screen.needed.items():
-        words = words_of_keys(KEYS, scheme, needed.numbers.tolist(), needed.n_chips, NAMES)
-        found[scheme] = KeyWords(needed.numbers, words.reshape(-1, *words.shape[2:]))
+        octets = octets_of_keys(KEYS, scheme, needed.numbers.tolist(), needed.n_chips, NAMES)
+        found[scheme] = KeyWords(needed.numbers, octets.reshape(-1, *octets.shape[2:]))
     return found
 
 
@@ -73,7 +73,8 @@ def test_only_words_that_may_be_held_are_asked_for() -> None:
     )
     both = some.joined(others)
     assert (both.n_words, both.n_chips, both.numbers.tolist()) == (8, 16, [0, 1, 3])
-    words = words_of_keys(KEYS[:2], "apex", [0, 1, 3], 16)[:, 0]
-    np.testing.assert_array_equal(
-        KeyWords(both.numbers, words).some(others.numbers, 12), words[:, [0, 2], :12]
-    )
+    octets = octets_of_keys(KEYS[:2], "apex", [0, 1, 3], 20)[:, 0]
+    some = KeyWords(both.numbers, octets).some(others.numbers, 12)
+    assert some.shape == (2, 2, 2)
+    words = words_of_keys(KEYS[:2], "apex", [0, 3], 12)[:, 0]
+    np.testing.assert_array_equal(signs_of(some, 12), words)
