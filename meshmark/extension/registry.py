@@ -209,16 +209,17 @@ def _without_collisions(offers: Sequence[RegisteredPlugin], broken: Sequence[Bro
 
 
 def _entry_points() -> Iterator[tuple[EntryPoint, Distribution]]:
-    seen: set[str] = set()
-    for distribution in distributions():
-        name = distribution.metadata["Name"]
+    # Only of those that offer something: metadata of all that is installed takes long to parse.
+    offering = (each.metadata["Name"] for each in distributions() if any(_own(each)))
+    for name in dict.fromkeys(filter(None, offering)):
         # The first on the path wins, as it does for imports.
-        if name in seen:
-            continue
-        seen.add(name)
-        for entry in distribution.entry_points:
-            if entry.group == PROJECT:
-                yield entry, distribution
+        first = Distribution.from_name(name)
+        for entry in _own(first):
+            yield entry, first
+
+
+def _own(found: Distribution) -> Iterator[EntryPoint]:
+    return (entry for entry in found.entry_points if entry.group == PROJECT)
 
 
 def _reason(error: BaseException) -> str:
