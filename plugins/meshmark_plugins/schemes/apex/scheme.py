@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distanc
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.anchors.persistence import MIN_PERSISTENCE_DETECTED
 from meshmark_plugins.schemes.apex.anchors.proxies import Proxies, proxies_of
-from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import (
     OFFSETS,
@@ -35,8 +34,11 @@ from meshmark_plugins.schemes.apex.chips.word_index import (
     geodesic_disc_areas,
     word_position,
 )
-from meshmark_plugins.schemes.apex.marking.plan import SurfacePlan, plan_animation, require_capacity
 from meshmark_plugins.schemes.apex.parameters import Parameters
+
+if TYPE_CHECKING:
+    # Who only looks at copies does without all that marks them.
+    from meshmark_plugins.schemes.apex.marking.plan import SurfacePlan
 
 # Anchors beyond the number of words that detection still looks at: some will be false.
 SPARE_ANCHORS = 2
@@ -120,12 +122,17 @@ class Apex:
 
     def require_capacity(self, animation: MeshAnimation, *, jobs: int = 1) -> None:
         """Refuse an animation without lasting anchors, or with too few vertices about them."""
+        from meshmark_plugins.schemes.apex.anchors.track import FrameAnchors
+        from meshmark_plugins.schemes.apex.marking.plan import require_capacity
+
         require_capacity(FrameAnchors(animation, jobs), self.parameters)
 
     def plan(
         self, animation: MeshAnimation, words: IntArray, *, jobs: int = 1, **_: Any
     ) -> SurfacePlan:
         """Find lasting anchors, and the displacement that marks about them in every pose."""
+        from meshmark_plugins.schemes.apex.marking.plan import plan_animation
+
         return plan_animation(animation, words, self.parameters, jobs)
 
 
