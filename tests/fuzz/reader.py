@@ -15,7 +15,7 @@ TICK = 0.002  # seconds
 
 def fork_readers(wanted: bool) -> None:
     """Let reading processes be forked from this one from now on, or started anew."""
-    from meshmark.sources.isolation import reading
+    from meshmark.sources.isolation import process
 
     forked = SimpleNamespace(
         Popen=ForkedReader,
@@ -23,7 +23,7 @@ def fork_readers(wanted: bool) -> None:
         PIPE=subprocess.PIPE,
         TimeoutExpired=subprocess.TimeoutExpired,
     )
-    reading.subprocess = forked if wanted else subprocess
+    process.subprocess = forked if wanted else subprocess
 
 
 class ForkedReader:

@@ -12,6 +12,7 @@ import tempfile
 import time
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,12 +21,14 @@ from rogue_reader import install
 from folders import FAULTS
 from meshmark.cli import main
 from meshmark.errors import InputError, UsageError
+from meshmark.files.temporary import ScratchFolder
 from meshmark.keys import Key
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.skinning import Skinning
 from meshmark.sources.digests import source_digests
 from meshmark.sources.facts import texture_coordinates
+from meshmark.sources.isolation import process as processes
 from meshmark.sources.isolation import reading
 from meshmark.sources.isolation.reading import read_isolated
 from meshmark.sources.reading import read
@@ -288,21 +291,24 @@ def left_behind(tmp_path_factory) -> Path:
     """Return what the reading process leaves of a moving cube."""
     folder = tmp_path_factory.mktemp("left")
     source = write_text(folder / "moving.usda", cube("m", points=sampled(MOVING)))
-    asked = [str(folder), source, reading.WITHOUT, "{}"]
-    command = [sys.executable, "-P", "-m", reading.PROGRAM, *asked]
+    asked = [str(folder), source, processes.WITHOUT, "{}"]
+    command = [sys.executable, "-P", "-m", processes.PROGRAM, *asked]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return folder
 
 
 @pytest.mark.parametrize("how", MEDDLING)
 def test_nothing_the_process_says_is_believed(left_behind, monkeypatch, scratch, how) -> None:
-    def run(folder: Path, *_: object) -> object:
-        (folder / reading.ARRAYS).write_bytes((left_behind / reading.ARRAYS).read_bytes())
-        report = json.loads((left_behind / reading.REPORT).read_text())
+    folder = ScratchFolder()
+
+    def report() -> object:
+        (folder.path / processes.ARRAYS).write_bytes((left_behind / processes.ARRAYS).read_bytes())
+        report = json.loads((left_behind / processes.REPORT).read_text())
         changed = MEDDLING[how](report)
         return changed if how in ("no report", "a list") else report
 
-    monkeypatch.setattr(reading, "_run", run)
+    told = SimpleNamespace(report=report, folder=folder)
+    monkeypatch.setattr(reading, "started", lambda *_: told)
     with pytest.raises(InputError, match=r"moving\.usda: reading it goes astray"):
         read_isolated("moving.usda")
     assert not list(scratch.iterdir())
@@ -321,6 +327,41 @@ def run(monkeypatch, capsys, tmp_path):
         return int(stop.value.code or 0), capsys.readouterr().err
 
     return call
+
+
+@pytest.fixture
+def readings(monkeypatch) -> list[subprocess.Popen]:
+    """Collect the processes that are started to read."""
+    found = []
+    popen = subprocess.Popen
+
+    def start(*args, **kwargs):
+        found.append(popen(*args, **kwargs))
+        return found[-1]
+
+    there = {**vars(subprocess), "Popen": start}
+    monkeypatch.setattr(processes, "subprocess", SimpleNamespace(**there))
+    return found
+
+
+def test_verify_reads_a_file_once_from_before_it_needs_it(run, readings, tmp_path, scratch) -> None:
+    source = write_text(tmp_path / "moving.usda", cube("m", points=sampled(MOVING)))
+    ahead = run("verify", source, "--key", "k")
+    assert len(readings) == 1
+    # What readers are told, and what may never be read, is not read ahead.
+    assert run("verify", source, "--key", "k", "--clip", "none")[0] == 2
+    assert run("verify", source, "--key", "k", "--evidence", "e")[0] == ahead[0]
+    assert len(readings) == 2
+    assert not list(scratch.glob("*/*"))
+
+
+def test_what_was_read_ahead_in_vain_leaves_nothing(run, readings, tmp_path, scratch) -> None:
+    source = write_text(tmp_path / "moving.usda", cube("m", points=sampled(MOVING)))
+    code, said = run("verify", source, "--key", "missing")
+    assert (code, said.count("\n")) == (3, 1)
+    [process] = readings
+    assert process.returncode is not None
+    assert not list(scratch.glob("*/*"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere loaders say it in other words")
@@ -355,7 +396,7 @@ def test_a_file_that_crashes_the_library(run, tmp_path, command) -> None:
 
 
 def test_a_source_that_is_trusted_is_read_here(run, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(reading, "_run", lambda *_: pytest.fail("read apart"))
+    monkeypatch.setattr(reading, "started", lambda *_: pytest.fail("read apart"))
     source = write_text(tmp_path / "a.usda", cube("a"))
     assert run("inspect", source, "--trusted")[0] == 1
     with pytest.raises(pytest.fail.Exception):
@@ -388,7 +429,7 @@ def reading_processes(group: int) -> list[str]:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes()
-            if reading.PROGRAM.encode() in words and os.getpgid(int(entry.name)) == group:
+            if processes.PROGRAM.encode() in words and os.getpgid(int(entry.name)) == group:
                 found.append(entry.name)
         except OSError:
             continue

@@ -18,13 +18,8 @@ from meshmark.sources.digests import sha256
 from meshmark.sources.facts import files_in_reach, source_files
 from meshmark.sources.isolation.frames import ArrayWriter
 from meshmark.sources.isolation.limits import DISK_VARIABLE, Limits
-from meshmark.sources.isolation.report import (
-    ARRAYS,
-    REPORT,
-    WITH_TEXTURES,
-    describe_asset,
-    describe_error,
-)
+from meshmark.sources.isolation.process import ARRAYS, REPORT, WITH_TEXTURES
+from meshmark.sources.isolation.report import describe_asset, describe_error
 from meshmark.sources.readers import open_source
 
 

@@ -33,10 +33,6 @@ from meshmark.sources.isolation.frames import (
 
 Files = tuple[tuple[str, str], ...]
 
-# What the process is told, and what it leaves in its folder.
-WITH_TEXTURES, WITHOUT = "textures", "-"
-ARRAYS, REPORT = "arrays", "report.json"
-
 # What is not told as it is: known anyway, or made of arrays.
 _APART = {"source", "meshes", "facts", "times"}
 
