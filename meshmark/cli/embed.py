@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import by_text, few, frame_progress, put_json, say, warn
+from meshmark.cli.console import frame_progress, put_json, say
 from meshmark.cli.ledger import Recorder
+from meshmark.cli.marks import tell_meshes, tell_remarks
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -217,7 +217,7 @@ def embed(
     document = manifest.document
     if json:
         put_json(document)
-    _tell(document, every)
+    tell_meshes(document, every)
     done = "is there already, made of the same; left as it is" if manifest.kept else "written"
     say("dry run: nothing was written" if dry_run else f"{document['output']}: {done}")
     if "c2pa" in document:
@@ -244,20 +244,10 @@ def embed(
         )
         write_text(text, report)
         say(f"{report}: written, {len(text.encode()) / 1e6:.2f} MB")
-    few([_told_of_variants(each) for each in document.get("variants", [])], every)
-    shared = document.get("shared_shapes", [])
-    few([f"{shape}: this blend shape stays: several meshes share it" for shape in shared], every)
-    _tell_delivery(document.get("delivery"), every)
-    skipped = [(each["prim"], f"not marked: {each['reason']}") for each in document["skipped"]]
-    few(_remarks(skipped, every), every)
-    found = document["verification"]
-    if found["verdict"] != "marked":
-        warn(
-            f"what was written verifies with log10 p {found['log10_p']:.2f} only: "
-            f"{found['verdict']} at {found['fpr']:g}"
-        )
+    tell_remarks(document, every)
     # What a deliverable may leave unmarked was agreed to before it was written.
-    if (document["skipped"] and not deliver) or found["verdict"] == "not marked":
+    unmarked = document["verification"]["verdict"] == "not marked"
+    if (document["skipped"] and not deliver) or unmarked:
         raise typer.Exit(NOT_ALL_MARKED)
 
 
@@ -315,49 +305,3 @@ def _name(text: str) -> str:
     if not isinstance(named, str):
         raise UsageError(f"--recipient {text}: a name that begins with @ is written @{text}")
     return named
-
-
-def _remarks(remarks: Sequence[tuple[str, str]], every: bool) -> list[str]:
-    """Say of each prim, or once of all, what is said of it."""
-    return [f"{prim}: {text}" for prim, text in remarks] if every else by_text(remarks)
-
-
-def _tell(document: dict[str, Any], every: bool) -> None:
-    missing = [
-        (prim["prim"], f"no mark by {layer['scheme']}: {layer['reason']}")
-        for prim in document["prims"]
-        for layer in prim["missing"]
-    ]
-    for text in _remarks(missing, every):
-        warn(text)
-    for prim in document["prims"]:
-        for note in prim["notes"]:
-            warn(f"{prim['prim']}: {note}")
-        for frame in prim["passed_over"]:
-            warn(f"{prim['prim']}: frame {frame['time']:g} stays as it is: {frame['reason']}")
-        found = prim["distortion"]
-        say(
-            f"{prim['prim']}: {prim['marked_frames']} frames of {prim['points']} points, "
-            f"{prim['carriers']} carriers; MRMS {found['mrms_rel']:.2e} and Hausdorff "
-            f"{found['hausdorff_rel']:.2e} of the diagonal; "
-            f"log10 p {prim['verification']['log10_p']:.1f}"
-            if prim["verification"]
-            else f"{prim['prim']}: nothing is found again"
-        )
-
-
-def _told_of_variants(found: dict[str, Any]) -> str:
-    others = ", ".join(found["as_they_are"])
-    return f"{found['prim']}: marked in {' and '.join(found['marked_in'])} only, not in {others}"
-
-
-def _tell_delivery(delivery: dict[str, Any] | None, every: bool) -> None:
-    if delivery is None:
-        return
-    moved = [f"{each['path']}: moved with {each['prim']}" for each in delivery["moved"]]
-    few(moved, every, tell=say)
-    few([f"removed: {each}" for each in delivery["removed"]], every, tell=say)
-    few(
-        [f"{path}: leads out of the folder of the deliverable" for path in delivery["outside"]],
-        every,
-    )
