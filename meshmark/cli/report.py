@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from meshmark.cli.console import complain, exit_code, frame_progress, say
+from meshmark.cli.console import exit_code, frame_progress, say
 from meshmark.cli.options import (
     ClipOption,
     FpsOption,
@@ -151,16 +151,12 @@ def _names(recipients: Sequence[str]) -> tuple[list[str], list[tuple[str, Path]]
 def _verified(
     copy: str, request: Request, lists: Sequence[tuple[str, Path]]
 ) -> tuple[Sources, Verdict]:
-    from meshmark.commands.verify import verify_file
+    from meshmark.commands.verify import verify_asset
     from meshmark.reporting.sources import read_sources
 
     sources = read_sources(copy, request, lists)
     with frame_progress() as progress:
-        outcome = verify_file(copy, request, progress)
-    if outcome.verdict is None:
-        complain(outcome.error)
-        raise typer.Exit(outcome.exit_code)
-    return sources, outcome.verdict
+        return sources, verify_asset(sources.copy, request, progress)
 
 
 def _identified(

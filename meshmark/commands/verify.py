@@ -41,37 +41,60 @@ def verify_file(
 
 def _verdict(source: str, request: Request, progress: StageProgress) -> tuple[Verdict, Files]:
     """Return what a source says, and the files that it was read from, if they are recorded."""
-
-    def tell(prim: str, done: int, total: int) -> None:
-        progress("verify", prim, done, total)
-
     key = request.key()
     recipes = request.recipes_for(source)
     if request.evidence is not None or request.store is not None:
-        return _by_evidence(source, key, recipes, request, tell)
+        return _by_evidence(source, key, recipes, request, _teller(progress))
     progress("read", source, 0, 1)
     blind = [recipe for recipe in recipes if not recipe.informed]
     with nullcontext() if request.trusted else _importing(blind):
         asset = _read(source, request, copy=request.original is not None)
     progress("read", source, 1, 1)
-    from meshmark.detection.verify import verify
-
     # Of what is trusted they are read twice.
     files = source_digests(asset) if request.recorded else ()
+    return verify_asset(asset, request, progress), files
+
+
+def verify_asset(asset: Asset, request: Request, progress: StageProgress | None = None) -> Verdict:
+    """Verify a source that was read.
+
+    Parameters
+    ----------
+    asset : Asset
+    request : Request
+    progress : callable, optional
+        Told about each stage.
+    """
+    from meshmark.detection.verify import verify
+
+    key, tell = request.key(), _teller(progress or nobody)
     beside = request.original is not None
-    verdict = verify(
+    return verify(
         asset,
         key,
-        recipes=recipes,
+        recipes=request.recipes_for(asset.source),
         recipients=request.recipients,
         frames=request.frames,
         fpr=request.fpr,
-        original=_original(request) if beside else None,
+        original=original_of(request) if beside else None,
         master=_master(request, key, tell) if beside else None,
         jobs=request.jobs,
         progress=tell,
     )
-    return verdict, files
+
+
+def _teller(progress: StageProgress) -> MeshProgress:
+    def tell(prim: str, done: int, total: int) -> None:
+        progress("verify", prim, done, total)
+
+    return tell
+
+
+def original_of(request: Request) -> Asset:
+    """Read the original that sources are verified beside, once for all of them."""
+    original = request.original
+    assert original is not None
+    return _once(request, "original", lambda: _read(original, request))
 
 
 def _by_evidence(
@@ -138,12 +161,6 @@ def _read(source: str, request: Request, *, copy: bool = False) -> Asset:
     return read(source, parameters=parameters, isolated=not request.trusted)
 
 
-def _original(request: Request) -> Asset:
-    original = request.original
-    assert original is not None
-    return _once(request, "original", lambda: _read(original, request))
-
-
 def _master(request: Request, key: Key, tell: MeshProgress) -> Any:
     """Read the master, or return what makes it again; None where no blind layer is tried."""
     master, layers = request.master, request.master_layers
@@ -154,7 +171,7 @@ def _master(request: Request, key: Key, tell: MeshProgress) -> Any:
     from meshmark.embedding.asset import embed
 
     def made() -> Asset:
-        original = _original(request)
+        original = original_of(request)
         return embed(original, key, recipe=layers, jobs=request.jobs, progress=tell).asset
 
     return lambda: _once(request, "master", made)

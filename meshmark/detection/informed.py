@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmark.alignment.align import align, align_mesh
+from meshmark.alignment.align import align_mesh
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.in_place import in_place
 from meshmark.alignment.joints import moved_by_joints
@@ -19,7 +19,7 @@ from meshmark.alignment.reposing import reposed
 from meshmark.alignment.search import IDENTITY, REPOSED
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.detection.evidence import Evidence, InformedFacts, RestoredVariant
-from meshmark.detection.informed_pairs import pairs, run_named
+from meshmark.detection.informed_pairs import aligned, pairs, run_named
 from meshmark.detection.original_layout import OriginalLayout
 from meshmark.detection.vertex_evidence import VertexEvidence
 from meshmark.errors import CapacityError, UsageError
@@ -28,15 +28,11 @@ from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
-from meshmark.mesh.frame_range import has_frame_in
 from meshmark.mesh.geometry import vertex_normals
 from meshmark.mesh.skinning import Skinning
 from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.pool import one_thread
 from meshmark.workers.progress import MeshProgress
-
-# Frames of a copy that are read.
-FRAMES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +73,7 @@ def gather_informed(
     master : Asset, optional
         The original as the blind layers left it: copies are then compared with that.
     frames : str, optional
-        Range A:B[:S] of the copy's time codes; `FRAMES` of them are read.
+        Range A:B[:S] of the copy's time codes; some of them are read, see `aligned`.
     points_in_place : float, optional
         Of a copy that was written just now, and that nobody had since: how many points of each
         mesh are to be read, in a few frames at least; see `in_place`.
@@ -92,16 +88,13 @@ def gather_informed(
     masters = {} if master is None else _by_prim(original, master)
     notes: list[str] = []
     items: list[Evidence] = []
-    for pair in pairs(copy, original):
-        if pair.run is not None and not any(has_frame_in(m, frames) for m in pair.copy.meshes):
-            continue
+    for pair in pairs(copy, original, frames):
         alignment = None
         if points_in_place is not None:
             alignment = in_place(pair.copy, pair.original, points_in_place / pair.share)
         untouched = alignment is not None
         if alignment is None:
-            n_frames = max(1, FRAMES // pair.share)
-            alignment = align(pair.copy, pair.original, frames=frames, n_frames=n_frames, jobs=jobs)
+            alignment = aligned(pair, copy, original, frames=frames, jobs=jobs)
         where = f", {pair.part}" if pair.part else ""
         notes += [
             f"{each.prim} of the original{where}: {each.reason}" for each in alignment.unplaced

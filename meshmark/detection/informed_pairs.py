@@ -8,12 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from meshmark.alignment.align import FRAMES, align
+from meshmark.alignment.placement import AssetAlignment
 from meshmark.errors import InputError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.mesh.frame_range import has_frame_in
 from meshmark.mesh.runs import cut, longest, runs, span
 
 # Runs of one mesh that are read, the longest.
@@ -48,11 +53,16 @@ class Pair:
         return master if self.run is None else cut(master, self.run)
 
 
-def pairs(copy: Asset, original: Asset) -> list[Pair]:
+def pairs(copy: Asset, original: Asset, frames: str | None = None) -> list[Pair]:
     """List what is read beside what.
 
     A run is looked for in frames of the copy that have as many points, or if there are none, in
     those of the same time.
+
+    Parameters
+    ----------
+    frames : str, optional
+        Range A:B[:S] of the copy's time codes: runs of which it shows nothing there are left out.
     """
     changing = [mesh for mesh in original.meshes if not mesh.constant_topology]
     if not changing:
@@ -66,10 +76,38 @@ def pairs(copy: Asset, original: Asset) -> list[Pair]:
         for run in chosen:
             part = cut(mesh, run)
             shown = tuple(_like(part, pieces) or _during(part, near))
-            if shown:
+            if any(has_frame_in(each, frames) for each in shown):
                 beside = replace(original, meshes=(part,))
                 found.append(Pair(replace(copy, meshes=shown), beside, run, len(chosen)))
     return found
+
+
+def aligned(
+    pair: Pair, copy: Asset, original: Asset, *, frames: str | None = None, jobs: int = 1
+) -> AssetAlignment:
+    """Find where the copy of a pair lies on its original, once for everybody who asks.
+
+    Who asks again reads it beside a master, or shows it.
+
+    Parameters
+    ----------
+    pair : Pair
+        One of those of `copy` and `original`.
+    frames, jobs
+        As of `align`.
+    """
+    # Nobody else is kept in memory by this: what is found has their meshes only.
+    known = _found.setdefault(copy, WeakKeyDictionary()).setdefault(original, {})
+    which = (tuple(mesh.prim for mesh in pair.original.meshes), pair.run, frames)
+    if which not in known:
+        n_frames = max(1, FRAMES // pair.share)
+        known[which] = align(pair.copy, pair.original, frames=frames, n_frames=n_frames, jobs=jobs)
+    return known[which]
+
+
+_found: WeakKeyDictionary[Asset, WeakKeyDictionary[Asset, dict[Any, AssetAlignment]]] = (
+    WeakKeyDictionary()
+)
 
 
 def run_named(mesh: MeshAnimation, part: str) -> MeshAnimation:

@@ -40,6 +40,8 @@ class ShownMesh:
         Part of the mesh that each lies in.
     anchors : (a,) int
         Those at which carriers stand.
+    n_runs, n_frames : int
+        Of the mesh in all.
     """
 
     mesh: MeshAnimation
@@ -47,6 +49,8 @@ class ShownMesh:
     faces: IntArray
     parts: IntArray
     anchors: IntArray
+    n_runs: int
+    n_frames: int
 
 
 def shown_mesh(animation: MeshAnimation, most: int, recipes: Sequence[Recipe] = ()) -> ShownMesh:
@@ -57,7 +61,10 @@ def shown_mesh(animation: MeshAnimation, most: int, recipes: Sequence[Recipe] = 
     InputError, CapacityError
         If no frame of it can be shown.
     """
-    mesh = cut(animation, longest(runs(animation), 1)[0])
+    every = runs(animation)
+    if not every:
+        raise InputError("no frame can be read", source=animation.origin, prim=animation.prim)
+    mesh = cut(animation, longest(every, 1)[0])
     frame = _readable(mesh)
     welding = Welding.of(frame)
     analysed = welding.frame(frame)
@@ -68,7 +75,15 @@ def shown_mesh(animation: MeshAnimation, most: int, recipes: Sequence[Recipe] = 
     anchors = anchors_of(analysed, recipes)
     vertices = np.concatenate([kept, anchors])
     places = len(kept) + np.arange(len(anchors))
-    return ShownMesh(mesh, welding.kept[vertices], faces, parts[vertices], places)
+    return ShownMesh(
+        mesh,
+        welding.kept[vertices],
+        faces,
+        parts[vertices],
+        places,
+        n_runs=len(every),
+        n_frames=len(animation),
+    )
 
 
 def simplified(V: FloatArray, F: IntArray, most: int) -> tuple[IntArray, IntArray]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from meshmark.alignment.copy_frames import CopyFrame
-from meshmark.alignment.placement import AssetAlignment, FramePlacement, MeshAlignment
+from meshmark.alignment.placement import FramePlacement, MeshAlignment
 from meshmark.alignment.poses import posed
 from meshmark.alignment.reposing import reposed
 from meshmark.alignment.search import REPOSED
@@ -23,25 +23,28 @@ class Distances:
 
     Parameters
     ----------
-    found : AssetAlignment
-        At least one mesh.
+    found : sequence of MeshAlignment
+        At least one.
     """
 
-    def __init__(self, found: AssetAlignment) -> None:
-        self._meshes = [_Placed(each) for each in found.meshes]
+    def __init__(self, found: Sequence[MeshAlignment]) -> None:
+        self._meshes = [_Placed(each) for each in found]
 
-    @property
-    def times(self) -> list[float]:
-        """Times of the copy at which most meshes were placed."""
-        lead = max(self._meshes, key=lambda each: len(each.times))
+    def times(self, shown: FloatArray) -> list[float]:
+        """Return the times at which that mesh was placed that most often was at times shown."""
+        lead = max(
+            self._meshes, key=lambda each: (np.isin(each.times, shown).sum(), len(each.times))
+        )
         return lead.times
 
     def __call__(self, P: FloatArray, time: float) -> FloatArray:
         """Measure points (n, 3) at a time, (n,): shares of the original's diagonal.
 
-        Of several meshes of the original, the nearest counts.
+        Of several meshes of the original, the nearest counts; of the runs of one whose
+        connectivity changes, that which the copy shows then.
         """
-        surfaces = [placed.surface(time) for placed in self._meshes]
+        then = [placed for placed in self._meshes if placed.lasts(time)] or self._meshes
+        surfaces = [placed.surface(time) for placed in then]
         return np.min([surface(P) for surface in surfaces], axis=0)
 
 
@@ -53,6 +56,11 @@ class _Placed:
         self.times = [float(found.copy[0].times[frame.index]) for frame in found.frames]
         first = found.original[0]
         self._diagonal, _ = surface_box(first.points, first.faces)
+
+    def lasts(self, time: float) -> bool:
+        """Tell whether the copy of it has begun at a time, and not ended."""
+        times = self._found.copy[0].times
+        return not times[0] > time and not times[-1] < time
 
     def surface(self, time: float) -> Callable[[FloatArray], FloatArray]:
         """Return what measures points of the copy at the placed frame that is nearest in time."""

@@ -19,6 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from meshmark.mesh.runs import span
 from meshmark.reporting.camera import ANGLE
 from meshmark.reporting.chart import chart
 from meshmark.reporting.colours import PALETTE, heat_colours
@@ -135,6 +136,15 @@ def _caption(view: View) -> list[str]:
     ]
     if chosen.n_meshes > len(chosen.meshes):
         told.append(f"It shows {len(chosen.meshes):,} of {chosen.n_meshes:,} meshes.")
+    changing = [each for each in chosen.meshes if each.n_runs > 1]
+    told += [
+        f"The connectivity of {shortened(each.mesh.prim)} changes over time. Of its "
+        f"{each.n_runs:,} runs of frames in which it does not, the longest is shown, frames "
+        f"{span(each.mesh)}."
+        for each in changing[:MOST_NAMED]
+    ]
+    if len(changing) > MOST_NAMED:
+        told.append(f"So does that of {len(changing) - MOST_NAMED:,} more meshes.")
     if len(view.anchors):
         told.append(
             f"{len(view.anchors):,} anchors, tips of the shape about which a blind mark lies, are "

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from meshmark.alignment.align import align
 from meshmark.commands.identification import Identification
 from meshmark.commands.verification import Request
+from meshmark.detection.informed_pairs import aligned, pairs
 from meshmark.detection.verdict import Verdict
 from meshmark.embedding.manifest import manifest_path, output_hashes
 from meshmark.errors import CapacityError, OutputError, UsageError
@@ -116,10 +116,16 @@ def _copy_view(
     if chosen is None:
         return None
     if original is not None:
-        placed = align(copy, original, frames=frames, jobs=jobs)
-        if placed.meshes:
+        # The verdict rests on the same.
+        placed = [
+            mesh
+            for pair in pairs(copy, original, frames)
+            for mesh in aligned(pair, copy, original, frames=frames, jobs=jobs).meshes
+        ]
+        if placed:
             distances = Distances(placed)
-            return view_of(copy, chosen.at(distances.times), label=LABEL, values=distances)
+            times = distances.times(chosen.lead.times)
+            return view_of(copy, chosen.at(times), label=LABEL, values=distances)
     return view_of(copy, chosen)
 
 

@@ -31,7 +31,7 @@ class Selection:
     times : (T,) float64
         Time codes; the one of a mesh that has no times is NaN.
     n_frames, n_meshes, n_points : int
-        What there is in all: frames of the longest mesh, meshes, and their points.
+        What there is in all: frames of the longest mesh that is shown, meshes, and their points.
     """
 
     meshes: tuple[ShownMesh, ...]
@@ -39,6 +39,11 @@ class Selection:
     n_frames: int
     n_meshes: int
     n_points: int
+
+    @property
+    def lead(self) -> MeshAnimation:
+        """The longest mesh that is shown, or run of one."""
+        return longest_of(self.meshes)
 
     @property
     def shown(self) -> int:
@@ -77,10 +82,16 @@ def select(
             continue
     if not chosen:
         return None
-    lead = max((each.mesh for each in chosen), key=len)
+    lead = longest_of(chosen)
     inside = frames_in(lead, frames if has_frame_in(lead, frames) else None)
     times = lead.times[[inside[i] for i in spread(len(inside), FRAMES)]]
-    return Selection(tuple(chosen), times, len(lead), len(asset.meshes), sum(sizes.values()))
+    n_frames = max(each.n_frames for each in chosen)
+    return Selection(tuple(chosen), times, n_frames, len(asset.meshes), sum(sizes.values()))
+
+
+def longest_of(meshes: Sequence[ShownMesh]) -> MeshAnimation:
+    """Return the mesh of the most frames."""
+    return max((each.mesh for each in meshes), key=len)
 
 
 def _size(mesh: MeshAnimation) -> int:

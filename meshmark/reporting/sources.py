@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from meshmark.commands.verification import Request
+from meshmark.commands.verify import original_of
 from meshmark.embedding.manifest import output_hashes
 from meshmark.ledger.origins import Origin
 from meshmark.mesh.asset import Asset
@@ -92,13 +93,10 @@ def read_sources(source: str, request: Request, others: Sequence[tuple[str, Path
     InputError
         If one cannot be read.
     """
-
-    def asset(name: str, copy: bool) -> Asset:
-        parameters = parameters_for(name, request.parameters, copy=copy)
-        return read(name, parameters=parameters, isolated=not request.trusted)
-
-    copy = asset(source, request.original is not None)
-    original = None if request.original is None else asset(request.original, copy=False)
+    beside = request.original is not None
+    parameters = parameters_for(source, request.parameters, copy=beside)
+    copy = read(source, parameters=parameters, isolated=not request.trusted)
+    original = original_of(request) if beside else None
     files = hashed("copy", copy)
     if original is not None:
         files += hashed("original", original)

@@ -118,7 +118,7 @@ def test_what_was_written_is_read_where_it_stands(relief, monkeypatch) -> None:
     def align(*_: object, **__: object) -> None:
         raise AssertionError("it need not be looked for")
 
-    monkeypatch.setattr("meshmark.detection.informed.align", align)
+    monkeypatch.setattr("meshmark.detection.informed_pairs.align", align)
     assert checked(relief.asset, relief, KEY).verdict == "marked"
 
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from meshmark.alignment.align import align
+from meshmark.detection.informed_pairs import aligned, pairs
 from meshmark.errors import InputError
 from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.mesh.animation import Frame, MappedFrames, MeshAnimation
 from meshmark.mesh.asset import Asset, as_asset
 from meshmark.mesh.closest_points import ClosestPoints
+from meshmark.mesh.topology import Topology
 from meshmark.reporting.copy_facts import copy_facts
 from meshmark.reporting.decimation import shown_mesh, simplified
 from meshmark.reporting.distances import Distances
@@ -18,7 +20,15 @@ from meshmark.reporting.page import LARGEST, page
 from meshmark.reporting.selection import FRAMES, MESHES, select
 from meshmark.reporting.view import ROOM, view_of
 from meshmark.sources.reading import read
-from meshmark.testing.meshes import bent_tube, dumbbell, icosphere, plane, side_by_side, torus
+from meshmark.testing.meshes import (
+    bent_tube,
+    bumpy_sphere,
+    dumbbell,
+    icosphere,
+    plane,
+    side_by_side,
+    torus,
+)
 from report_pages import asked, verdict
 
 
@@ -92,13 +102,40 @@ def test_distances_of_a_copy_that_was_blown_up_along_its_normals() -> None:
     bumps = 1.0 + 0.01 * (V[:, 2:] > 0.85)
     original = as_asset(MeshAnimation.from_arrays(V, F, prim="/Ball"))
     copy = as_asset(MeshAnimation.from_arrays(bumps * V, F, prim="/Ball"))
-    distances = Distances(align(copy, original))
-    found = distances((bumps * V), distances.times[0])
+    distances = Distances(align(copy, original).meshes)
+    found = distances((bumps * V), distances.times(copy.meshes[0].times)[0])
     diagonal = 2.0 * np.sqrt(3.0)
     assert found.min() >= 0.0
     raised = found[bumps[:, 0] > 1.0]
     assert raised.mean() > 5 * found[bumps[:, 0] == 1.0].mean()
     assert raised.mean() == pytest.approx(0.01 / diagonal, rel=0.1)
+
+
+def changing(ring_size: float = 1.0) -> Asset:
+    """Return a ball in three frames, and a ring in the fourth."""
+    V, F = bumpy_sphere(3, np.eye(3))
+    ball = Topology.from_triangles(F, len(V))
+    R, E = torus(48, 20)
+    frames = [Frame(float(t), (1 + 0.1 * t) * V, ball) for t in (1, 2, 3)]
+    ring = Frame(4.0, R * [1.3, 1.0, 0.8 * ring_size], Topology.from_triangles(E, len(R)))
+    return as_asset(MeshAnimation.from_frames([*frames, ring], prim="/Sim"))
+
+
+def test_a_mesh_whose_connectivity_changes_is_measured_run_by_run() -> None:
+    original, copy = changing(), changing(ring_size=1.1)
+    found = pairs(copy, original)
+    meshes = [mesh for pair in found for mesh in aligned(pair, copy, original).meshes]
+    # Found once, for whoever asks again.
+    assert aligned(found[0], copy, original) is aligned(pairs(copy, original)[0], copy, original)
+    distances, (ball, _, _, ring) = Distances(meshes), list(copy.meshes[0])
+    assert distances(ball.points, 1.0).max() < 1e-6
+    assert distances(ring.points, 4.0).max() > 1e-3
+    chosen = select(copy)
+    assert chosen.at(distances.times(chosen.lead.times)).times.tolist() == [1.0, 2.0, 3.0]
+    text = page(copy_facts(asked(), verdict()), view_of(copy, chosen))
+    assert "points in 3 of 4 frames" in text
+    assert "The connectivity of /Sim changes over time. Of its 2 runs of frames in which" in text
+    assert "the longest is shown, frames 1:3." in text
 
 
 @pytest.mark.slow
@@ -107,7 +144,7 @@ def test_a_pose_that_the_original_never_takes_is_no_distance() -> None:
     original, copy = (as_asset(MeshAnimation.from_arrays(P, F, prim="/Tube")) for P in (V, Q))
     placed = align(copy, original)
     assert placed.meshes[0].method == "reposed"
-    bent = Distances(placed)(Q, 1.0)
+    bent = Distances(placed.meshes)(Q, 1.0)
     # Laid upon the pose that it takes, the tube is off by its own radius at the ends.
     start = placed.meshes[0].frames[0].maps["similarity"](Q)
     apart = ClosestPoints(V, F).distances(start) / np.linalg.norm(np.ptp(V, axis=0))
