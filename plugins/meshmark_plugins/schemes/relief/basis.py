@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct, idct
-from scipy.sparse import csc_matrix, diags_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import csc_matrix, csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import vertex_areas
 from meshmark.mesh.laplacian import cotangent_weights, stiffness_matrix
+from meshmark_plugins.schemes.relief.inverse import Inverse, coarse_space, factored
 from meshmark_plugins.schemes.relief.patches import patch_labels
 
 # Patches of the coarse and the fine level at most, and vertices that one fine patch needs.
@@ -42,6 +42,8 @@ class Level:
         Triangles.
     n_patches : int
         K.
+    space : (N, n) sparse, optional
+        See `Smoother`.
 
     Attributes
     ----------
@@ -51,10 +53,13 @@ class Level:
         Patch of each vertex.
     """
 
-    def __init__(self, V: FloatArray, F: IntArray, n_patches: int) -> None:
+    def __init__(
+        self, V: FloatArray, F: IntArray, n_patches: int, space: csr_matrix | None = None
+    ) -> None:
         self.label = patch_labels(V, F, n_patches)
         self.n_chips = int(self.label.max()) + 1
-        self.smoother = Smoother(V, F, 0.5 * np.sqrt(vertex_areas(V, F).sum() / self.n_chips))
+        radius = 0.5 * np.sqrt(vertex_areas(V, F).sum() / self.n_chips)
+        self.smoother = Smoother(V, F, radius, space)
         probes = np.random.default_rng(0).choice((-1.0, 1.0), (self.n_chips, PROBES))
         mean_square = self.smoother.mass @ self._smoothed(probes) ** 2 / self.smoother.mass.sum()
         self._gain = 1.0 / np.sqrt(mean_square.mean())
@@ -91,46 +96,39 @@ class Smoother:
     F : (F, 3) int
     radius : float
         sqrt(t).
+    space : (N, n) sparse, optional
+        Columns of fields among which what is smoothed is approximated; by default all are.
     """
 
-    def __init__(self, V: FloatArray, F: IntArray, radius: float) -> None:
+    def __init__(
+        self, V: FloatArray, F: IntArray, radius: float, space: csr_matrix | None = None
+    ) -> None:
         area = vertex_areas(V, F)
         self.mass = np.maximum(area, 1e-9 * area.mean())
         L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
         self.matrix = csc_matrix(diags_array(self.mass) + radius**2 * L)
+        self.space = space
 
     @cached_property
-    def _solver(self) -> SuperLU:
-        return _factored(self.matrix)
+    def _inverse(self) -> Inverse:
+        return Inverse(self.matrix, self.space)
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Smooth x (N,) or (N, n)."""
         if x.ndim == 1:
-            return self._solver.solve(self.mass * x)
+            return self._inverse(self.mass * x)
         smooth = np.empty(x.shape)
         for some in (slice(n, n + AT_ONCE) for n in range(0, x.shape[1], AT_ONCE)):
-            smooth[:, some] = self._solver.solve(self.mass[:, None] * x[:, some])
+            smooth[:, some] = self._inverse(self.mass[:, None] * x[:, some])
         return smooth
 
     def adjoint(self, x: FloatArray) -> FloatArray:
         """Apply the transpose."""
-        return (self.mass * self._solver.solve(x).T).T
+        return (self.mass * self._inverse(x).T).T
 
     def within(self, at: IntArray, x: FloatArray) -> FloatArray:
         """Smooth x (m, n) on some vertices (m,), as if all others were held at 0."""
-        return _factored(self.matrix[at][:, at]).solve((self.mass[at] * x.T).T)
-
-
-def _factored(A: csc_matrix) -> SuperLU:
-    # Column by column: the columns of a triangle mesh have too little in common for panels.
-    return splu(
-        A,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        panel_size=1,
-        options={"SymmetricMode": True},
-    )
+        return factored(self.matrix[at][:, at]).solve((self.mass[at] * x.T).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +155,9 @@ class Basis:
         coarse = min(COARSE, fine // 4)
         sizes = (coarse, fine) if coarse >= 8 else (fine,)
         shares = np.array([COARSE_SHARE, 1.0 - COARSE_SHARE]) if len(sizes) == 2 else np.ones(1)
-        wide = Smoother(V, F, WIDE * np.sqrt(vertex_areas(V, F).sum() / sizes[0]))
-        return cls(tuple(Level(V, F, n) for n in sizes), shares, wide)
+        space = coarse_space(V, F)
+        wide = Smoother(V, F, WIDE * np.sqrt(vertex_areas(V, F).sum() / sizes[0]), space)
+        return cls(tuple(Level(V, F, n, space) for n in sizes), shares, wide)
 
     @property
     def n_chips(self) -> int:

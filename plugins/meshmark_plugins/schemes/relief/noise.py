@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_matrix, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import diags_array
 
 from meshmark.arrays import FloatArray
 from meshmark_plugins.schemes.relief.basis import Smoother
+from meshmark_plugins.schemes.relief.inverse import Inverse
 
 # Variance that is left to single vertices, as a share of the smooth one.
 ROUGH = 0.1
@@ -37,17 +37,10 @@ class SmoothNoise:
         b = 1.0 / float(np.average(smooth**2, axis=0, weights=M).mean())
         self._white = ROUGH * float(M.mean())
         e = np.sqrt(self._white / b)
-        self._solver = splu(
-            csc_matrix(diags_array(M) + 1j * e * smoother.matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            relax=1,
-            panel_size=1,
-            options={"SymmetricMode": True},
-        )
+        self._inverse = Inverse(diags_array(M) + 1j * e * smoother.matrix, smoother.space)
 
     def precision(self, x: FloatArray) -> FloatArray:
         """Apply C^-1 to x (N, n)."""
         Mx = self._mass[:, None] * x
-        smooth = self._solver.solve(Mx.astype(np.complex128)).real
+        smooth = self._inverse(Mx.astype(np.complex128)).real
         return (Mx - self._mass[:, None] * smooth) / self._white
