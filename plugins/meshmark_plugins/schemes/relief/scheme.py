@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 
 import numpy as np
@@ -144,7 +145,7 @@ class Relief:
             If it has too few vertices.
         """
         V, F = original.points, original.faces
-        basis = Basis.of(V, F)
+        basis = _basis(_Surface.of(original))
         if basis.n_chips < FEWEST_CHIPS:
             raise CapacityError(
                 f"{len(V)} points have room for {basis.n_chips} chips; it takes {FEWEST_CHIPS}"
@@ -234,6 +235,34 @@ class Relief:
         return log_fits(
             layout.basis, layout.blocks, layout.owner, layout.vertices, y, signs, decoys
         )
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """A frame, equal to any other that shows the same.
+
+    Parameters
+    ----------
+    digest : bytes
+        Of what it shows.
+    frame : Frame
+    """
+
+    digest: bytes
+    frame: Frame = field(compare=False)
+
+    @classmethod
+    def of(cls, frame: Frame) -> _Surface:
+        """Look at a frame."""
+        found = hashlib.blake2b(frame.topology.digest(), digest_size=16)
+        found.update(frame.points.tobytes())
+        return cls(found.digest(), frame)
+
+
+@lru_cache(maxsize=2)
+def _basis(surface: _Surface) -> Basis:
+    """Make the basis of a surface; remembered, as whoever marks it reads it soon."""
+    return Basis.of(surface.frame.points, surface.frame.faces)
 
 
 def _sample(view: AlignedFrame) -> AlignedFrame:

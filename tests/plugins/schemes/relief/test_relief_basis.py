@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.mesh.animation import Frame
 from meshmark.mesh.geometry import vertex_areas
+from meshmark.mesh.topology import Topology
 from meshmark.testing.meshes import icosphere, plane, side_by_side, torus
 from meshmark_plugins.schemes.relief.basis import (
     COARSE_SHARE,
@@ -17,6 +19,7 @@ from meshmark_plugins.schemes.relief.basis import (
     mixed,
     unmixed,
 )
+from meshmark_plugins.schemes.relief.scheme import Relief
 
 SHAPES = {
     "sphere": icosphere(3),
@@ -138,3 +141,14 @@ def test_a_level_sums_values_over_its_patches() -> None:
     np.testing.assert_allclose(
         level.by_patch(np.stack([x, 2 * x], axis=1))[:, 1], 2 * level.by_patch(x)
     )
+
+
+def test_a_surface_is_laid_out_once_to_be_marked_and_read() -> None:
+    V, F = SHAPES["torus"]
+    topology = Topology.from_triangles(F, len(V))
+    marked = Relief().layout(Frame(1.0, V, topology))
+    again = Relief(slope=0.1).layout(Frame(2.0, V.copy(), Topology.from_triangles(F, len(V))))
+    assert again.basis is marked.basis
+    assert again.height < marked.height
+    moved = Relief().layout(Frame(1.0, V + 1e-9, topology))
+    assert moved.basis is not marked.basis
