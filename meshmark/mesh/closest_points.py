@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import FLAT, lengths, normalized
+from meshmark.kernels import compiled
 from meshmark.mesh.triangle_search import triangle_search
 
 
@@ -89,6 +90,7 @@ class ClosestPoints:
         return (P - self._centre) / self._scale
 
 
+@compiled
 def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Compute barycentric coordinates of the point of triangle i closest to point i.
 

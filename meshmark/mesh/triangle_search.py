@@ -8,8 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.kernels import MESH_LOOPS, load_loops, plain
+from meshmark.kernels import load_loops, plain
 from meshmark.mesh.open3d_import import load_open3d
+
+TREE_LOOPS = "meshmark.mesh.tree_loops"
 
 
 class TriangleSearch(Protocol):
@@ -25,13 +27,13 @@ def triangle_search(V: FloatArray, F: IntArray, order: IntArray | None = None) -
     Coordinates should be about 1: open3d, which stands in where numba is missing, searches in
     single precision. `order` is the triangles' `search_order` in any pose.
     """
-    loops = load_loops(MESH_LOOPS)
+    loops = load_loops(TREE_LOOPS)
     return TriangleScene(V, F) if loops is None else TriangleTree(loops, V, F, order)
 
 
 def search_order(V: FloatArray, F: IntArray) -> IntArray | None:
     """Order triangles so that neighbours in space follow each other; None where it is not used."""
-    loops = load_loops(MESH_LOOPS)
+    loops = load_loops(TREE_LOOPS)
     if loops is None:
         return None
     a, b, c = (V[corner] for corner in F.T)

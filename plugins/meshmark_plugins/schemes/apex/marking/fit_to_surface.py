@@ -7,16 +7,16 @@ from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import area_vectors, lengths, normalized, vertex_normals
+from meshmark.mesh.geometry import face_areas, vertex_normals
+from meshmark.kernels import compiled
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
-FITTING_ROUNDS = 2
-CG_ITERATIONS = 12
+CG_ITERATIONS = 8
 CG_TOLERANCE = 1e-6
 # Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
-FIT_DAMPING = 0.02
+FIT_DAMPING = 0.005
 # Points of a triangle that are to lie on the original, in barycentric coordinates.
-_TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+_TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 
 
 def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
@@ -40,48 +40,72 @@ def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> Float
     Notes
     -----
     Samples are drawn to the planes of the triangles that they are nearest to [1]_. Small moves
-    along normals hardly change which triangles these are, or how moves of vertices move samples.
+    along normals hardly change which triangles these are.
 
     References
     ----------
     .. [1] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
-    P, M = original.planes(original.faces(_samples(V, F).reshape(-1, 3)))
-    P, M = P.reshape(len(F), -1, 3), M.reshape(len(F), -1, 3)
-    vectors, normals = area_vectors(V, F), vertex_normals(V, F)
-    areas, n = lengths(vectors), normalized(vectors)
-    weight = np.maximum(areas, 1e-3 * areas.mean())[:, None] / len(_TRIANGLE_SAMPLES)
-    along = np.einsum("fkx,fx->fk", normals[F], n)
-    A = _normal_equations(F, weight, along, len(V))
-    for _ in range(FITTING_ROUNDS):
-        off = np.einsum("fsx,fsx->fs", P - _samples(V, F), M)
-        wanted = weight * off * np.einsum("fsx,fx->fs", M, n)
-        at_corners = along * (wanted @ _TRIANGLE_SAMPLES)
-        b = np.bincount(F.ravel(), at_corners.ravel(), len(V)).astype(np.float64)
-        offsets = conjugate_gradients(
-            A, b, np.zeros(len(V)), 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE
-        )
-        V = V + offsets[:, None] * normals
-    return V
+    samples = _TRIANGLE_SAMPLES @ V[F]
+    P, M = original.planes(original.faces(samples.reshape(-1, 3)))
+    planes = P.reshape(samples.shape), M.reshape(samples.shape)
+    areas, normals = face_areas(V, F), vertex_normals(V, F)
+    weight = np.maximum(areas, 1e-3 * areas.mean())
+    offsets = fitting_offsets(
+        V,
+        F,
+        normals,
+        weight,
+        _TRIANGLE_SAMPLES,
+        *planes,
+        FIT_DAMPING,
+        CG_ITERATIONS,
+        CG_TOLERANCE,
+    )
+    return V + offsets[:, None] * normals
 
 
-def _samples(V: FloatArray, F: IntArray) -> FloatArray:
-    """Spread points over the triangles, (F, 4, 3)."""
-    return _TRIANGLE_SAMPLES @ V[F]
+@compiled
+def fitting_offsets(
+    V: FloatArray,
+    F: IntArray,
+    normals: FloatArray,
+    weight: FloatArray,
+    samples: FloatArray,
+    P: FloatArray,
+    M: FloatArray,
+    damping: float,
+    iterations: int,
+    tolerance: float,
+) -> FloatArray:
+    """Solve for the offsets along normals (N, 3) that draw samples to planes, (N,).
 
-
-def _normal_equations(
-    F: IntArray, weight: FloatArray, along: FloatArray, n_points: int
-) -> csr_matrix:
-    """Assemble the matrix (N, N) of least squares for offsets of vertices along their normals.
-
-    `weight` (F, 1) is that of a sample, `along` (F, 3) how far a triangle's plane moves with each
-    corner.
+    Parameters
+    ----------
+    weight : (F,) float64
+        That of a sample of each triangle.
+    samples : (S, 3) float64
+        Barycentric coordinates.
+    P, M : (F, S, 3) float64
+        A point of the plane of each sample, and its unit normal.
+    damping : float
+        Weight of staying, beside that of fitting.
+    iterations, tolerance
+        Of conjugate gradients.
     """
-    products = _TRIANGLE_SAMPLES.T @ _TRIANGLE_SAMPLES
-    by_corners = weight[:, :, None] * along[:, :, None] * along[:, None, :] * products
+    off = np.einsum("fsx,fsx->fs", P - samples @ V[F], M)
+    # How far each sample moves towards its plane with each corner.
+    rates = (M @ normals[F].swapaxes(1, 2)) * samples
+    weighted = weight[:, None, None] * rates
+    b = np.bincount(F.ravel(), np.einsum("fsk,fs->fk", weighted, off).ravel(), len(V)).astype(
+        np.float64
+    )
+    blocks = np.einsum("fsk,fsj->fkj", weighted, rates)
     rows, columns = np.repeat(F, 3, axis=1), np.tile(F, 3)
-    A = csr_matrix((by_corners.ravel(), (rows.ravel(), columns.ravel())), shape=(n_points,) * 2)
+    A = csr_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(len(V),) * 2)
     diagonal = A.diagonal()
-    return csr_matrix(A + FIT_DAMPING * diags_array(diagonal + 1e-3 * diagonal.mean()))
+    stay = damping * (diagonal + 1e-3 * diagonal.mean())
+    A = csr_matrix(A + diags_array(stay))
+    x = np.zeros(len(V))
+    return conjugate_gradients(A, b, x, 1.0 / (diagonal + stay), iterations, tolerance)
