@@ -10,6 +10,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import InputError
 from meshmark.mesh.closest_points import ClosestPoints, sample_surface
 from meshmark.mesh.geometry import lengths, surface_box
+from meshmark.mesh.triangle_search import search_order
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ def surface_distance(
     *,
     samples: int | None = None,
     seed: int = 0,
+    order: IntArray | None = None,
 ) -> SurfaceDistance:
     """Measure how far two surfaces are apart.
 
@@ -57,6 +59,8 @@ def surface_distance(
         least 10,000: the mean distance then repeats to about one per cent.
     seed : int
         Seed of the places of the samples.
+    order : (F,) int, optional
+        The `search_order` of the first surface's triangles, in any pose.
 
     Returns
     -------
@@ -86,10 +90,12 @@ def surface_distance(
     # One frame for both, so that nothing is lost to single precision far from the origin.
     A, B = (V0 - centre) / diagonal, (V1 - centre) / diagonal
     # Where the faces are the same, a vertex is no farther from the other surface than it moved.
-    moved = lengths(B - A) if _same(F0, F1) and len(A) == len(B) else None
+    is_same = _same(F0, F1)
+    moved = lengths(B - A) if is_same and len(A) == len(B) else None
+    order = search_order(A, F0) if order is None else order
     rng = np.random.default_rng(seed)
-    there = _one_sided(A, F0, B, F1, samples, rng, moved)
-    back = _one_sided(B, F1, A, F0, samples, rng, moved)
+    there = _one_sided(A, F0, ClosestPoints(B, F1, order if is_same else None), samples, rng, moved)
+    back = _one_sided(B, F1, ClosestPoints(A, F0, order), samples, rng, moved)
     mrms, error = max(there[1:], back[1:])
     return SurfaceDistance(
         hausdorff=diagonal * max(there[0], back[0]),
@@ -117,13 +123,12 @@ def mrms(V0: FloatArray, F0: IntArray, V1: FloatArray, F1: IntArray) -> float:
 def _one_sided(
     V: FloatArray,
     F: IntArray,
-    W: FloatArray,
-    G: IntArray,
+    other: ClosestPoints,
     samples: int | None,
     rng: np.random.Generator,
     moved: FloatArray | None,
 ) -> tuple[float, float, float]:
-    """Measure the largest distance from the surface (V, F) to (W, G), the RMS, and its error.
+    """Measure the largest distance from the surface (V, F) to another, the RMS, and its error.
 
     Parameters
     ----------
@@ -131,7 +136,6 @@ def _one_sided(
         What the distances of the vertices V are not beyond.
     """
     n = default_samples(len(F)) if samples is None else samples
-    other = ClosestPoints(W, G)
     d = other.distances(sample_surface(V, F, n, rng))
     farthest = float(d.max())
     corner = np.zeros(len(V), dtype=bool)

@@ -36,7 +36,8 @@ def test_vertices_that_left_a_plane_return_along_its_normal():
     bumps = 0.005 * np.random.default_rng(5).normal(size=len(V))
     off = V + bumps[:, None] * [0.0, 0.0, 1.0]
     back = fit_to_surface(off, F, ClosestPoints(V, F))
-    assert np.abs(back[:, 2]).max() < 0.01 * np.abs(bumps).max()
+    # But for the weight of staying.
+    assert np.abs(back[:, 2]).max() < 0.03 * np.abs(bumps).max()
     np.testing.assert_array_equal(fit_to_surface(V, F, ClosestPoints(V, F)), V)
 
 

@@ -64,12 +64,13 @@ class DisplacementTransfer:
         return P if self.proxy is None else self.proxy.fit(P)
 
     @cached_property
-    def _order(self) -> IntArray | None:
+    def order(self) -> IntArray | None:
+        """The `search_order` of the triangles."""
         return search_order(self.V, self.F)
 
     def closest_points(self, P: FloatArray) -> ClosestPoints:
         """Build the surface of another frame, to lie on."""
-        return ClosestPoints(P, self.F, self._order)
+        return ClosestPoints(P, self.F, self.order)
 
     def apply(
         self,

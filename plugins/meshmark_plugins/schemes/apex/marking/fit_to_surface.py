@@ -14,7 +14,7 @@ from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import con
 CG_ITERATIONS = 8
 CG_TOLERANCE = 1e-6
 # Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
-FIT_DAMPING = 0.005
+FIT_DAMPING = 0.02
 # Points of a triangle that are to lie on the original, in barycentric coordinates.
 _TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from meshmark.mesh.frame_range import spread
 from meshmark.metrics.summary import standard_error
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import Workers, ordered_map
-from meshmark.workers.scratch import ScratchFile
+from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
@@ -49,6 +51,9 @@ MRMS_FRAMES, MRMS_SAMPLES, MRMS_DOUBT = 4, 20_000, 2.0
 # Distortion aimed at when it must be lowered, as a share of the limit.
 MRMS_AIM = 0.97
 
+# A file of positions, and which of its frames.
+Kept: TypeAlias = tuple[ScratchFile, int]
+
 
 @dataclass(frozen=True, eq=False)
 class SurfacePlan:
@@ -69,6 +74,8 @@ class SurfacePlan:
         How much of each displacement is left to each vertex, J arrays (N, 1); all by default.
     scale : float
         Share of the displacements that is applied.
+    known : mapping of int to (ScratchFile, int)
+        Frames that were marked when their distortion was measured: where marked positions are kept.
     """
 
     transfer: DisplacementTransfer
@@ -77,9 +84,13 @@ class SurfacePlan:
     carriers: int
     shares: ScratchFile | None = None
     scale: float = 1.0
+    known: Mapping[int, Kept] = field(default_factory=dict)
 
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index`."""
+        if index in self.known:
+            kept, place = self.known[index]
+            return kept.read(place)
         P, F = frame.points, frame.faces
         original = self.transfer.closest_points(P)
         X, _ = self.transfer.apply(P, self.displacement(index), original, self.share(index))
@@ -215,36 +226,63 @@ class _MeasureShares:
 def limit_mrms(
     plan: SurfacePlan, animation: MeshAnimation, max_mrms: float, jobs: int = 1
 ) -> SurfacePlan:
-    """Weaken a plan until it distorts no more than it may, on average over all frames."""
-    while (mean := _mean_mrms(plan, animation, max_mrms, jobs)) > max_mrms:
+    """Weaken a plan until it distorts no more than it may, on average over all frames.
+
+    What was marked to measure that need not be marked again.
+    """
+    while True:
+        mean, known = _mean_mrms(plan, animation, max_mrms, jobs)
+        if mean <= max_mrms:
+            return replace(plan, known=known)
         plan = replace(plan, scale=plan.scale * MRMS_AIM * max_mrms / mean)
-    return plan
 
 
-def _mean_mrms(plan: SurfacePlan, animation: MeshAnimation, limit: float, jobs: int) -> float:
-    """Average MRMS over a few frames, and over more of them while the limit is in doubt."""
-    measure, n_frames = _MeasureMRMS(plan, animation), len(animation)
+def _mean_mrms(
+    plan: SurfacePlan, animation: MeshAnimation, limit: float, jobs: int
+) -> tuple[float, dict[int, Kept]]:
+    """Average MRMS over a few frames, and over more of them while the limit is in doubt.
+
+    Returns
+    -------
+    mean : float
+        As a share of the diagonal.
+    known : dict of int to Kept
+        The marked positions of these frames.
+    """
+    n_frames = len(animation)
     found: dict[int, tuple[float, float]] = {}
+    known: dict[int, Kept] = {}
     most = MRMS_FRAMES
     while True:
         more = [t for t in spread(n_frames, most) if t not in found]
+        kept = ScratchFile.create(len(more), len(plan.transfer.V), DOUBLE)
+        known.update({t: (kept, place) for place, t in enumerate(more)})
+        measure = _MeasureMRMS(plan, animation, known)
         found.update(zip(more, ordered_map(measure, more, jobs=jobs), strict=True))
         mrms, errors = np.array(list(found.values())).T
         mean, doubt = float(mrms.mean()), MRMS_DOUBT * standard_error(mrms, errors, n_frames)
         if abs(mean - limit) > doubt or len(found) == n_frames:
-            return mean
+            return mean, known
         most = 2 * most - 1
 
 
 @dataclass(frozen=True, eq=False)
 class _MeasureMRMS:
-    """Measures by what share of its size a plan moves the surface of a frame, and the error."""
+    """Measures by what share of its size a plan moves the surface of a frame, and the error.
+
+    The marked positions are kept where `known` says.
+    """
 
     plan: SurfacePlan
     animation: MeshAnimation
+    known: Mapping[int, Kept]
 
     def __call__(self, index: int) -> tuple[float, float]:
-        frame = self.animation[index]
+        frame, order = self.animation[index], self.plan.transfer.order
         X = self.plan.mark(index, frame)
-        found = surface_distance(frame.points, frame.faces, X, frame.faces, samples=MRMS_SAMPLES)
+        kept, place = self.known[index]
+        kept.write(place, X)
+        found = surface_distance(
+            frame.points, frame.faces, X, frame.faces, samples=MRMS_SAMPLES, order=order
+        )
         return found.mrms / found.diagonal, found.mrms_error / found.diagonal
