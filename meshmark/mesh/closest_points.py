@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.geometry import FLAT, lengths, normalized
 from meshmark.kernels import compiled
+from meshmark.mesh.geometry import FLAT, lengths, normalized
 from meshmark.mesh.triangle_search import triangle_search
 
 

@@ -64,6 +64,6 @@ def test_open3d_stands_in_for_the_loops(monkeypatch):
     V, F = icosphere(3)
     Q = 1.1 * icosphere(2)[0]
     with_loops = ClosestPoints(V, F).points(Q)
-    monkeypatch.setattr(searching, "load_loops", lambda: None)
+    monkeypatch.setattr(searching, "load_loops", lambda _: None)
     assert searching.search_order(V, F) is None
     np.testing.assert_allclose(ClosestPoints(V, F).points(Q), with_loops, atol=1e-6)

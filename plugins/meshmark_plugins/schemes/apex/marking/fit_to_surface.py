@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import face_areas, vertex_normals
-from meshmark.kernels import compiled
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 CG_ITERATIONS = 8
