@@ -26,10 +26,14 @@ class Proxies:
         The pose they are built in.
     n_vertices : int, optional
         About how many vertices each has; `PROXY_VERTICES` by default.
+    instead : Proxies, optional
+        Built in another pose of the same mesh, for components that this one is too rough for.
     """
 
-    def __init__(self, V: FloatArray, n_vertices: int | None = None) -> None:
-        self._V, self._n_vertices = V, n_vertices or PROXY_VERTICES
+    def __init__(
+        self, V: FloatArray, n_vertices: int | None = None, instead: Proxies | None = None
+    ) -> None:
+        self._V, self._n_vertices, self._instead = V, n_vertices or PROXY_VERTICES, instead
         self._built: dict[tuple[int, ...], Proxy | None] = {}
 
     def distances(self, V: FloatArray, component: Component) -> GeodesicDistances | ProxyDistances:
@@ -46,7 +50,10 @@ class Proxies:
         triangle = tuple(component.vertices[component.faces[0]].tolist())
         if triangle not in self._built:
             points = self._V[component.vertices]
-            self._built[triangle] = build_proxy(points, component.faces, self._n_vertices)
+            built = build_proxy(points, component.faces, self._n_vertices)
+            if built is None and self._instead is not None:
+                built = self._instead.of(component)
+            self._built[triangle] = built
         return self._built[triangle]
 
 
@@ -58,15 +65,12 @@ def marking_proxies(V: FloatArray, F: IntArray) -> Proxies:
     return proxies
 
 
+@lru_cache(maxsize=8)
 def proxies_of(frame: Frame) -> Proxies:
-    """Return the proxies built in the pose of a frame, as it was found in the copy.
+    """Return the proxies built in the pose of a frame; remembered for the frames used last.
 
-    What is as it may have been before an attack shares them: its vertices have hardly moved.
+    Undoing smoothing makes a copy rough that was not smoothed. Then they are those of the frame as
+    it was found: measuring the mesh itself would take long, and noise make all ways longer.
     """
-    return _built_in(frame if frame.as_found is None else frame.as_found)
-
-
-@lru_cache(maxsize=4)
-def _built_in(frame: Frame) -> Proxies:
-    """Remembered for the frames used last, which many others share."""
-    return Proxies(frame.points)
+    found = frame.as_found
+    return Proxies(frame.points, instead=None if found is None else proxies_of(found))
