@@ -66,7 +66,7 @@ class KeyWords:
     def some(self, numbers: IntArray, n_chips: int) -> Octets:
         """Take some of the words, (n, len(numbers), B) with fewer bytes."""
         at = np.searchsorted(self.numbers, numbers)
-        return self.octets[:, at, : -(-n_chips // 8)]
+        return self.octets.take(at, axis=1)[..., : -(-n_chips // 8)]
 
     def of(self, keys: IntArray) -> KeyWords:
         """Keep those of some keys or names."""
@@ -111,15 +111,17 @@ class KeyScreen:
         words : mapping of str to KeyWords
             By scheme, of n keys or names: at least what is `needed`.
         """
-        left = np.arange(n)
-        for exactly in (False, True):
-            if not len(left):
-                break
+        found = self._pass(words, n, exactly=False)
+        left = np.flatnonzero(found)
+        if len(left):
             some = {scheme: known.of(left) for scheme, known in words.items()}
-            each = np.array([side.log10_p(some, len(left), exactly) for side in self._sides])
-            log10_p = each[0] if len(each) == 1 else joint_log10_p(each)
-            left = left[log10_p <= self._log10_fpr]
-        return np.isin(np.arange(n), left)
+            found[left] = self._pass(some, len(left), exactly=True)
+        return found
+
+    def _pass(self, words: Mapping[str, KeyWords], n: int, *, exactly: bool) -> BoolArray:
+        each = np.array([side.log10_p(words, n, exactly) for side in self._sides])
+        log10_p = each[0] if len(each) == 1 else joint_log10_p(each)
+        return np.asarray(log10_p <= self._log10_fpr)
 
     @property
     def answer(self) -> Answer:

@@ -1,4 +1,6 @@
-"""Loops that numba compiles; what they stand in for is in `meshmark.statistics.sieve`.
+"""Loops that numba compiles; functions of the same names say what they do.
+
+Those are in `meshmark.statistics.sieve` and `word_windows`.
 
 What is done to all hypotheses of a block is an innermost loop of its own over `LANES`, which numba
 turns into a few instructions.
@@ -8,13 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmark.arrays import IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import compile_loop
-from meshmark.statistics.sieve import LANES, Octets, Steps
+from meshmark.statistics.sieve import LANES, TINY, Octets, Steps
+from meshmark.statistics.word_windows import WINDOW_SIZE
 
 _LOW = np.int16(np.iinfo(np.int16).min)
-# Keys whose sums fit into a processor's cache, and bytes that it reads at once.
-KEYS_AT_ONCE, LINE = 512, 64
+# Bytes that a processor reads at once.
+LINE = 64
 
 
 @compile_loop
@@ -26,36 +29,33 @@ def reached(
     J, n = zeros.shape[2], len(octets)
     table = _rows(2 * 256).reshape(2, 256, LANES)
     best, zero, need = _rows(1)[0], _rows(J), _rows(J)
-    total = _rows(KEYS_AT_ONCE * J).reshape(KEYS_AT_ONCE, J, LANES)
-    left = np.empty(KEYS_AT_ONCE, np.int64)
+    total, left = _rows(n * J).reshape(n, J, LANES), np.empty(n, np.int64)
     found, n_found = np.empty((n, 2), np.int64), 0
     for g in range(G):
-        for start in range(0, n, KEYS_AT_ONCE):
-            n_left = min(KEYS_AT_ONCE, n - start)
-            for i in range(n_left):
-                left[i] = i
-            _clear(total)
-            for c in range(C):
-                if n_left == 0:
-                    break
-                _fill(table, steps, g, c)
-                _copy(zeros, g, c, zero)
-                # No sum is below 0.
-                all_stay = _copy(needed, g, c, need) <= 0
-                kept = 0
-                for a in range(n_left):
-                    i = left[a]
-                    begin, end = windows[g, c, 0], windows[g, c, 1]
-                    _find_best_scores(table, octets, start + i, begin, end, best)
-                    _add(best, zero, total, i)
-                    if all_stay or _has_reached(total, need, i):
-                        left[kept] = i
-                        kept += 1
-                n_left = kept
-            if n_found + n_left * LANES > len(found):
-                found = _with_room(found, n_left * LANES)
+        n_left = n
+        for i in range(n):
+            left[i] = i
+        _clear(total)
+        for c in range(C):
+            if n_left == 0:
+                break
+            _fill(table, steps, g, c)
+            _copy(zeros, g, c, zero)
+            # No sum is below 0.
+            all_stay = _copy(needed, g, c, need) <= 0
+            kept = 0
             for a in range(n_left):
-                n_found = _list_lanes(total, need, left[a], start, g * LANES, found, n_found)
+                i = left[a]
+                _find_best_scores(table, octets, i, windows[g, c, 0], windows[g, c, 1], best)
+                _add(best, zero, total, i)
+                if all_stay or _has_reached(total, need, i):
+                    left[kept] = i
+                    kept += 1
+            n_left = kept
+        if n_found + n_left * LANES > len(found):
+            found = _with_room(found, n_left * LANES)
+        for a in range(n_left):
+            n_found = _list_lanes(total, need, left[a], g * LANES, found, n_found)
     return found[:n_found]
 
 
@@ -150,7 +150,7 @@ def _with_room(found: IntArray, n: int) -> IntArray:
 
 @compile_loop
 def _list_lanes(
-    total: Steps, need: Steps, i: int, start: int, first: int, found: IntArray, n_found: int
+    total: Steps, need: Steps, i: int, first: int, found: IntArray, n_found: int
 ) -> int:
     """List hypotheses of a block that a key has reached; return how many there are by now."""
     for lane in range(LANES):
@@ -158,6 +158,73 @@ def _list_lanes(
         for j in range(len(need)):
             enough |= total[i, j, lane] >= need[j, lane]
         if enough:
-            found[n_found, 0], found[n_found, 1] = start + i, first + lane
+            found[n_found, 0], found[n_found, 1] = i, first + lane
             n_found += 1
     return n_found
+
+
+@compile_loop
+def in_steps(
+    S: FloatArray, known: BoolArray, scale: float, levels: FloatArray
+) -> tuple[Steps, FloatArray, FloatArray, FloatArray]:
+    """Round evidence to whole steps, and sum over chips what bounds are made of."""
+    R, C, K = S.shape
+    T = levels.shape[1]
+    steps, size, rounding = np.zeros((K, R, C), np.int16), np.zeros((R, C)), np.zeros((R, C))
+    log_null, sums = np.zeros((T, R, C)), np.empty(T)
+    for r in range(R):
+        for c in range(C):
+            for t in range(T):
+                sums[t] = 0.0
+            for k in range(K):
+                exact = scale * (S[r, c, k] if known[r, c] else 0.0)
+                step = np.rint(exact)
+                steps[k, r, c] = np.int16(step)
+                size[r, c] += abs(step)
+                rounding[r, c] += abs(exact - step)
+                below = int(np.floor(abs(exact) + TINY))
+                for t in range(T):
+                    sums[t] += levels[below, t]
+            for t in range(T):
+                log_null[t, r, c] = sums[t]
+    return steps, size, rounding, log_null
+
+
+@compile_loop
+def assignment_sums(first: IntArray, x: FloatArray, idle: FloatArray) -> FloatArray:
+    """Sum prod x[c, word of c] over all assignments that hold no word twice, (N,)."""
+    N, C = first.shape
+    size = 1 << WINDOW_SIZE
+    found, table, grown = np.empty(N), np.empty(size), np.empty(size)
+    order = np.empty(C, np.int64)
+    for n in range(N):
+        for c in range(C):
+            i = c
+            while i > 0 and first[n, order[i - 1]] > first[n, c]:
+                order[i] = order[i - 1]
+                i -= 1
+            order[i] = c
+        for s in range(size):
+            table[s] = 1.0 if s == 0 else 0.0
+        for i in range(C):
+            c = order[i]
+            step = 0 if i == 0 else min(first[n, c] - first[n, order[i - 1]], WINDOW_SIZE)
+            kept = size >> step
+            for s in range(kept):
+                total = 0.0
+                for low in range(1 << step):
+                    total += table[(s << step) + low]
+                table[s] = total
+            for s in range(kept, size):
+                table[s] = 0.0
+            for s in range(size):
+                grown[s] = table[s] * idle[n, c]
+            for m in range(WINDOW_SIZE):
+                for s in range(size):
+                    if not s & (1 << m):
+                        grown[s | (1 << m)] += table[s] * x[n, c, m]
+            table, grown = grown, table
+        found[n] = 0.0
+        for s in range(size):
+            found[n] += table[s]
+    return found

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,16 @@ from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import load_loops
 from meshmark.statistics.e_values import N_TOP_TERMS, TILTS, e_values, log_cosh
 from meshmark.statistics.screening import LOG_WEIGHT, ROUNDING, Screened
-from meshmark.statistics.word_windows import SHIFT_PRIOR, WINDOW_SIZE, WordPosterior
+from meshmark.statistics.word_windows import (
+    SHIFT_PRIOR,
+    WINDOW_SIZE,
+    WordPosterior,
+    assignment_sums,
+)
 
 LOOPS = "meshmark.statistics.loops"
 # Keys times sources that take longer in numpy than loops take to be imported, or compiled.
-MANY = 100_000
+MANY = 200_000
 # Hypotheses of a block.
 LANES = 96
 # Bytes of a word that the loop is made for.
@@ -36,9 +42,10 @@ MOST_CHIPS = 10_000
 # Stands for what no sum reaches.
 _NEVER = np.iinfo(np.int16).max
 # Products that are known to be whole numbers miss them by less.
-_TINY = 1e-6
-# Pairs of keys and hypotheses that are looked at again at once: bounds memory.
-PAIRS_AT_ONCE = 512
+TINY = 1e-6
+# Keys whose sums fit into a processor's cache; pairs of keys and hypotheses that are looked at
+# again at once, which bounds memory.
+KEYS_AT_ONCE, PAIRS_AT_ONCE = 512, 512
 
 Steps = NDArray[np.int16]
 Octets = NDArray[np.uint8]
@@ -71,13 +78,13 @@ class Sieve:
         begins = np.unique(np.concatenate([first.ravel() for first in firsts]))
         self.words: IntArray = np.unique(begins[:, None] + np.arange(WINDOW_SIZE))
         self._n_words = n_words
+        self._loops = load_loops(LOOPS) if n_pairs >= MANY else None
         # Of n that sum up to e^x, one is at least e^x / n.
         self._least = least - float(np.log(len(evidence)))
         self._parts = [
-            _Part.of(item, np.searchsorted(self.words, first), self._least)
+            _Part.of(item, np.searchsorted(self.words, first), self._least, self._loops)
             for item, first in zip(evidence, firsts, strict=True)
         ]
-        self._loops = load_loops(LOOPS) if n_pairs >= MANY else None
 
     def passed(self, octets: Octets) -> BoolArray:
         """Tell whether each of n keys may reach it by each way to read the mesh, (P, n).
@@ -87,13 +94,21 @@ class Sieve:
         octets : (n, U, B) uint8
             Of each key, the words that `words` lists: a bit a chip, the most significant first.
         """
+        # Loops compile once for each layout that they get.
+        octets = np.require(octets, np.uint8, ["C", "W"])
         found = np.zeros((len(self._parts), len(octets)), np.bool_)
-        for part, of_part in zip(self._parts, found, strict=True):
-            keys, hypotheses = self._reached(part, octets)
-            for begin in range(0, len(keys), PAIRS_AT_ONCE):
-                some = slice(begin, begin + PAIRS_AT_ONCE)
-                of_part[self._left(part, octets, keys[some], hypotheses[some])] = True
+        for start in range(0, len(octets), KEYS_AT_ONCE):
+            some = octets[start : start + KEYS_AT_ONCE]
+            for part, of_part in zip(self._parts, found, strict=True):
+                of_part[start + self._passing(part, some)] = True
         return found
+
+    def _passing(self, part: _Part, octets: Octets) -> IntArray:
+        """List keys that may reach it, some of them more than once."""
+        keys, hypotheses = self._reached(part, octets)
+        portions = (slice(n, n + PAIRS_AT_ONCE) for n in range(0, len(keys), PAIRS_AT_ONCE))
+        left = [self._left(part, octets, keys[some], hypotheses[some]) for some in portions]
+        return np.concatenate([keys[:0], *left])
 
     def _reached(self, part: _Part, octets: Octets) -> tuple[IntArray, IntArray]:
         """List pairs of keys and hypotheses that may reach it."""
@@ -127,9 +142,9 @@ class Sieve:
         some = WordPosterior(posterior.position[used], posterior.p_null).windows(self._n_words)
         e = e_values(score[:, None], part.log_null[:, hypotheses].swapaxes(0, 1), TILTS)
         bounds = some.approximate_log_mean(e[:, None], at[:, None])[:, :, 0].max(axis=-1)
-        shift = np.tile(np.arange(len(SHIFT_PRIOR)), len(at))
-        total = some.log_total_prior(shift, np.repeat(at, len(SHIFT_PRIOR)))
-        bounds += np.log(SHIFT_PRIOR * N_TOP_TERMS / len(TILTS)) - total.reshape(bounds.shape)
+        sums = assignment_sums if self._loops is None else self._loops.assignment_sums
+        total = [sums(some.first, prior, some.p_null) for prior in some.prior]
+        bounds += np.log(SHIFT_PRIOR * N_TOP_TERMS / len(TILTS)) - np.log(total).T[at]
         return np.asarray(bounds.max(axis=-1))
 
 
@@ -166,16 +181,16 @@ class _Part:
     needed: Steps
 
     @classmethod
-    def of(cls, item: Screened, first: IntArray, least: float) -> _Part:
+    def of(cls, item: Screened, first: IntArray, least: float, loops: ModuleType | None) -> _Part:
         _, C, K = item.S.shape
         scale = min(STEPS, LARGEST_SUM / (C * K) - 1.0)
-        exact = scale * np.where(np.isfinite(item.posterior.position), item.S.transpose(2, 0, 1), 0)
-        steps, magnitude = np.rint(exact), np.abs(exact)
-        size = np.abs(steps).sum(axis=0)
-        log_null = _log_null(magnitude, scale)
-        rounding = np.abs(exact - steps).sum(axis=0)
+        levels = log_cosh(np.arange(int(scale) + 1)[:, None] / scale * TILTS)
+        sums = in_steps if loops is None else loops.in_steps
+        known = np.isfinite(item.posterior.position)
+        S = np.require(item.S, np.float64, ["C", "W"])
+        steps, size, rounding, log_null = sums(S, known, scale, levels)
         unit = (scale / TILTS)[:, None]
-        zeros = np.floor(log_null * unit[..., None] - rounding + _TINY)
+        zeros = np.floor(log_null * unit[..., None] - rounding + TINY)
         most = np.maximum(size - zeros, 0.0)
         wanted = unit * (least - LOG_WEIGHT - ROUNDING - item.log_prior)
         matters = most.sum(axis=2) >= wanted
@@ -187,7 +202,7 @@ class _Part:
         most = most[jrc]
         needed = wanted[j][:, r, None] - most.sum(axis=2, keepdims=True) + most.cumsum(axis=2)
         begins = _in_blocks(first[r][None, :, c], None)[:, :, 0].astype(np.int64)
-        chips = np.zeros((-(-K // 8) * 8, len(r), C))
+        chips = np.zeros((-(-K // 8) * 8, len(r), C), np.int16)
         chips[:K] = steps[:, r[:, None], c]
         return cls(
             item,
@@ -201,11 +216,34 @@ class _Part:
         )
 
 
-def _log_null(magnitude: FloatArray, scale: float) -> FloatArray:
-    """Sum log cosh of tilts times evidence (K, R, C) from below, as of whole steps, (T, R, C)."""
-    levels = np.arange(int(scale) + 1) / scale
-    below = np.floor(magnitude + _TINY).astype(np.int64)
-    return np.array([log_cosh(tilt * levels)[below].sum(axis=0) for tilt in TILTS])
+def in_steps(
+    S: FloatArray, known: BoolArray, scale: float, levels: FloatArray
+) -> tuple[Steps, FloatArray, FloatArray, FloatArray]:
+    """Round evidence (R, C, K) to whole steps, and sum over chips what bounds are made of.
+
+    Parameters
+    ----------
+    known : (R, C) bool
+        Whether a carrier's position is known; else it says nothing.
+    scale : float
+        Steps from 0 to 1.
+    levels : (V, T) float64
+        Log cosh of tilts times numbers of steps.
+
+    Returns
+    -------
+    steps : (K, R, C) int16
+    size, rounding : (R, C) float64
+        Sums of magnitudes, and of what they were rounded by, in steps.
+    log_null : (T, R, C) float64
+        Sums of log cosh of tilts times evidence, rounded down to whole steps.
+    """
+    exact = scale * np.where(known, S.transpose(2, 0, 1), 0.0)
+    steps, magnitude = np.rint(exact), np.abs(exact)
+    below = np.floor(magnitude + TINY).astype(np.int64)
+    log_null = np.array([of_tilt[below].sum(axis=0) for of_tilt in levels.T])
+    size, rounding = np.abs(steps).sum(axis=0), np.abs(exact - steps).sum(axis=0)
+    return steps.astype(np.int16), size, rounding, log_null
 
 
 def _in_blocks(numbers: NDArray[Any], rest: int | None = 0) -> Steps:

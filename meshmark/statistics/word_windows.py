@@ -85,6 +85,11 @@ def median_posterior(posteriors: Sequence[WordPosterior]) -> WordPosterior:
     Only frames that show a carrier count for it; `p_null` is their mean. The posteriors may be
     many, and are asked for one at a time, more than once.
     """
+    if len(posteriors) == 1:
+        [only] = posteriors
+        everywhere = np.isfinite(only.position).all(axis=0)
+        position = np.where(everywhere, only.position, np.nan)
+        return WordPosterior(position, np.where(everywhere, only.p_null, 1.0))
     p_null = np.array([posterior.p_null for posterior in posteriors])
     shown = np.array([np.isfinite(posterior.position).all(axis=0) for posterior in posteriors])
     counts = shown.sum(axis=0)

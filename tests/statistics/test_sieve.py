@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshmark.kernels import load_loops
 from meshmark.statistics import sieve
 from meshmark.statistics.screening import Screened
 from meshmark.statistics.sieve import LANES, Sieve
-from meshmark.statistics.word_windows import WordPosterior
+from meshmark.statistics.word_windows import WordPosterior, assignment_sums
 from screened_evidence import M, evidence, exact, some_words
 
 
@@ -31,7 +32,7 @@ def test_whoever_reaches_it_passes(items, seed, least) -> None:
 def stored(R: int, C: int, size: float, seed: int) -> tuple[Screened, np.ndarray]:
     """Evidence in whole steps as it is stored, and words of keys of which one fits."""
     rng = np.random.default_rng(seed)
-    words = (2 * rng.integers(0, 2, size=(700, 96, 16)) - 1).astype(np.int8)
+    words = (2 * rng.integers(0, 2, size=(300, 96, 16)) - 1).astype(np.int8)
     S = size * rng.normal(size=(R, C, 16))
     place = rng.uniform(20.0, 40.0, size=(R, C))
     place[R // 2] = 30 + 2 * np.arange(C)
@@ -76,3 +77,22 @@ def test_nobody_and_one(n, n_pairs) -> None:
     assert some.passed(packed(words[:n], some)).shape == (1, n)
     never = Sieve([item], 96, 1e9, n_pairs)
     assert not never.passed(packed(words[:n], never)).any()
+
+
+@settings(max_examples=10, deadline=None)
+@given(evidence(), st.floats(0.5, 127.0), st.integers(0, 2**32 - 1))
+def test_what_bounds_are_made_of_is_the_same_in_loops(items, scale, seed) -> None:
+    pytest.importorskip("numba")
+    loops = load_loops(sieve.LOOPS)
+    levels = np.random.default_rng(seed).random((int(scale) + 1, 8))
+    for item in items:
+        known = np.isfinite(item.posterior.position)
+        found = loops.in_steps(item.S, known, scale, levels)
+        wanted = sieve.in_steps(item.S, known, scale, levels)
+        np.testing.assert_array_equal(found[0], wanted[0])
+        for one, other in zip(found, wanted, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+        windows = item.posterior.windows(M)
+        arguments = windows.first, windows.prior[0], windows.p_null
+        sums = loops.assignment_sums(*arguments)
+        np.testing.assert_allclose(sums, assignment_sums(*arguments), rtol=1e-12)
