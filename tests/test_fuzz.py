@@ -36,7 +36,8 @@ def assert_clean(done: subprocess.CompletedProcess[str], count: int) -> None:
 def test_a_few_inputs_of_every_kind() -> None:
     done = fuzz("--count", "100", "--seed", "1")
     assert_clean(done, 100)
-    for kind in ("usda", "usdc", "usdz", "obj", "gltf", "evidence", "key", "names", "manifest"):
+    kinds = ("usda", "usdc", "usdz", "obj", "gltf", "evidence", "store", "key", "names", "manifest")
+    for kind in kinds:
         assert f"{kind} " in done.stdout
 
 

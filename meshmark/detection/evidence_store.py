@@ -26,6 +26,7 @@ from meshmark.detection.evidence import Evidence, RestoredVariant
 from meshmark.detection.evidence_file import StoredEvidence, evidence_bytes, evidence_of
 from meshmark.detection.gathering import AssetEvidence
 from meshmark.detection.looks import ONE_LOOK
+from meshmark.detection.parquet_footer import require_plain
 from meshmark.errors import InputError, OutputError, UsageError
 from meshmark.files.atomic import write_bytes
 from meshmark.files.reading import opened
@@ -146,41 +147,31 @@ def rows(path: Path) -> Iterator[Row]:
     from pyarrow import parquet
 
     with opened(path) as file:
-        size = file.seek(0, 2)
-        file.seek(0)
         try:
+            require_plain(file, _FOOTER)
+            file.seek(0)
             table = parquet.ParquetFile(
                 file,
                 thrift_string_size_limit=_FOOTER,
                 thrift_container_size_limit=_FOOTER,
             )
-            _require_bounded(table, size)
+            _require_binary(table)
             number = 0
             for group in range(table.metadata.num_row_groups):
                 for value in table.read_row_group(group, [EVIDENCE], use_threads=False)[EVIDENCE]:
                     number += 1
                     yield Row(f"{path}: row {number}", value.as_py() or b"")
-        except (pa.ArrowException, ValueError, OverflowError, MemoryError):
+        except (pa.ArrowException, ValueError, OverflowError, MemoryError, OSError) as error:
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
             raise InputError("is not a file of a store of evidence", source=path) from None
 
 
-def _require_bounded(table: Any, size: int) -> None:
-    """Refuse a file that claims to hold more than its bytes can say."""
-    schema, metadata = table.schema, table.metadata
-    names = schema.names
-    if names.count(EVIDENCE) != 1:
-        raise ValueError("columns")
-    at = names.index(EVIDENCE)
-    column = schema.column(at)
-    if len(names) != metadata.num_columns or column.physical_type != "BYTE_ARRAY":
+def _require_binary(table: Any) -> None:
+    """Refuse a file whose evidence, of which there is one column, is anything but bytes."""
+    schema = table.schema_arrow
+    if schema.names.count(EVIDENCE) != 1 or str(schema.field(EVIDENCE).type) != "binary":
         raise ValueError("type")
-    if column.max_repetition_level or not 0 <= metadata.num_rows <= size:
-        raise ValueError("rows")
-    for group in range(metadata.num_row_groups):
-        chunk = metadata.row_group(group).column(at)
-        plain = chunk.compression == "UNCOMPRESSED" and set(chunk.encodings) <= {"PLAIN", "RLE"}
-        if not plain or not 0 <= chunk.total_uncompressed_size <= size:
-            raise ValueError("compressed")
 
 
 def _as_parquet(stored: StoredEvidence) -> bytes:

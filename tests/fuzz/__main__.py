@@ -41,7 +41,7 @@ LOADED = (
     ),
     *("meshmark.usd.reading", "meshmark.usd.delivery", "meshmark.usd.writing"),
     *("meshmark_plugins.readers.gltf.reader", "DracoPy", "meshopt"),
-    "meshmark.reporting.report",
+    *("meshmark.reporting.report", "meshmark.commands.try_keys", "pyarrow.parquet"),
     *(f"meshmark.sources.isolation.{name}" for name in ("reading", "process", "child")),
     *("fast_simplification", "open3d", "potpourri3d", "pygeodesic.geodesic"),
     *("scipy.sparse.linalg", "scipy.spatial"),

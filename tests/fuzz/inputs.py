@@ -11,17 +11,19 @@ from .archives import altered_archive, altered_json, altered_members, json_text,
 from .crates import altered_crate
 from .evidence import altered_evidence
 from .gltf import altered_gltf
-from .seeds import QUICK, Seed
+from .seeds import QUICK, STORE, Seed
+from .stores import altered_store
 from .texts import altered_text, words_of
 
 # Kinds, and how many of a hundred inputs are of it.
 SHARES = {
-    "usda": 22,
+    "usda": 20,
     "usdc": 24,
     "usdz": 10,
     "obj": 12,
     "gltf": 14,
-    "evidence": 10,
+    "evidence": 8,
+    "store": 4,
     "key": 2,
     "names": 3,
     "manifest": 3,
@@ -101,7 +103,7 @@ def make_input(seeds: dict[str, list[Seed]], seed: int, index: int, kinds: Seque
     kind = rng.choices(kinds, [SHARES[kind] for kind in kinds])[0]
     chosen = rng.choice(seeds[kind])
     names = list(chosen.files)
-    if kind in ("key", "names", "manifest", "evidence"):
+    if kind in ("key", "names", "manifest", "evidence", "store"):
         altered = names[-1]
     else:
         altered = names[0] if rng.random() < 0.6 else rng.choice(names)
@@ -137,6 +139,7 @@ ALTER: dict[str, Callable[[bytes, Random], bytes]] = {
     "obj": lambda data, rng: altered_text(data, rng, OBJ_WORDS),
     "gltf": altered_gltf,
     "evidence": altered_evidence,
+    "store": altered_store,
     "key": lambda data, rng: altered_text(data, rng, KEY_WORDS),
     "names": lambda data, rng: altered_text(data, rng, NAME_WORDS),
     "manifest": _manifest,
@@ -157,6 +160,11 @@ def _commands(kind: str, seed: Seed, rng: Random) -> tuple[tuple[str, ...], ...]
         case "evidence":
             recipe = QUICK if seed.name == "quick" else ()
             return (("verify", source, *key, "--evidence", list(seed.files)[-1], *recipe),)
+        case "store":
+            tried = ("try", "--store", STORE, *key)
+            # What is kept is looked for, and measured again where it cannot be believed.
+            again = ("verify", source, *key, "--store", STORE, *QUICK)
+            return (tried,) if rng.random() < 0.7 else (tried, again, tried)
     scheme = rng.choices((QUICK, ("--scheme", "tsai2014"), ("--scheme", "apex")), (4, 2, 1))[0]
     look = ("inspect", source, *scheme)
     if kind == "gltf":

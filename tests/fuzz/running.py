@@ -171,7 +171,7 @@ def _unwanted(new: list[str], arguments: tuple[str, ...]) -> list[str]:
     wanted = [
         after.partition(".")[0]
         for flag, after in pairwise(arguments)
-        if flag in ("-o", "--evidence", "--report")
+        if flag in ("-o", "--evidence", "--store", "--report")
     ]
     return [name for name in new if not any(name.startswith(output) for output in wanted)]
 

@@ -18,6 +18,7 @@ from .evidence import SECRET
 KEY = hashlib.sha256(b"a key that is looked for").digest()
 # A scheme that marks the body of 162 points at once.
 QUICK = ("--scheme", "cho2007", "--set", "bits=16")
+STORE = "store"
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def _package(files: dict[str, bytes]) -> bytes:
 
 
 def _around_a_mark(folder: Path) -> Iterator[tuple[str, str, dict[str, bytes]]]:
-    """Yield a marked file with its key, names, manifest and evidence, each a kind of seed."""
+    """Yield a marked file with key, names, manifest, evidence and store, each a kind of seed."""
     import meshmark.cli
     from meshmark.detection.sealing import SECRET_VARIABLE
     from meshmark.keys import Key
@@ -137,6 +138,7 @@ def _around_a_mark(folder: Path) -> Iterator[tuple[str, str, dict[str, bytes]]]:
         ["embed", "body.usda", "-o", "a.usdc", "--deliver", "--recipient", "acme", *QUICK],
         ["verify", "a.usdc", "--evidence", "e1", *QUICK],
         ["verify", "a.usdc", "--evidence", "e3"],
+        ["verify", "a.usdc", "--store", STORE, *QUICK],
     ):
         sys.argv = ["meshmark", *arguments, "--key", "k"]
         with suppress(SystemExit):
@@ -150,6 +152,7 @@ def _around_a_mark(folder: Path) -> Iterator[tuple[str, str, dict[str, bytes]]]:
     yield "manifest", "manifest", read("a.usdc", "a.usdc.meshmark.json")
     yield "evidence", "quick", read("a.usdc", "e1")
     yield "evidence", "all", read("a.usdc", "e3")
+    yield "store", "store", read("a.usdc", *map(str, Path(STORE).iterdir()))
 
 
 def _stages() -> dict[str, dict[str, str]]:
