@@ -55,7 +55,7 @@ def measure_distortion(
     check_all: bool,
     jobs: int,
 ) -> Distortion:
-    """Measure how far a mesh was moved, in the frames that are checked.
+    """Measure how far a mesh was moved, in the frames that are checked, at some points.
 
     In all frames, and at more points, if those leave it in doubt whether the limit is kept.
 
@@ -76,8 +76,9 @@ def measure_distortion(
     marked, limit = mesh.frames, mrms_limit(layers)
     pair = mesh.original.select(marked), shown.select(marked)
     some = [marked.index(frame) for frame in checked_frames(mesh, check_all)]
-    if len(some) < len(marked):
-        samples = min(SAMPLES, default_samples(len(pair[0][0].faces)))
+    usual = default_samples(len(pair[0][0].faces))
+    samples = min(SAMPLES, usual)
+    if not check_all and (len(some) < len(marked) or samples < usual):
         found = distortion(*pair, some, samples=samples, **coordinates, jobs=jobs)
         if limit is None or found.mrms_rel + DOUBT * found.mrms_rel_error <= limit:
             return found

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meshmark.detection.verdict import Verdict
+from meshmark.embedding import checks
 from meshmark.embedding.asset import MarkedAsset, MarkedMesh, embed
 from meshmark.embedding.checks import (
     FRAMES,
@@ -62,6 +63,19 @@ def test_few_frames_are_compared_unless_all_are_asked_for() -> None:
     assert abs(some.mrms_rel - every.mrms_rel) <= some.mrms_rel_error
     assert every.mrms_rel == pytest.approx(2e-5, rel=0.02)
     assert some.flicker == every.flicker
+
+
+def test_few_frames_of_a_fine_mesh_are_compared_at_few_points(monkeypatch) -> None:
+    monkeypatch.setattr(checks, "SAMPLES", 500)
+    mesh = marked_by(1e-5 * np.random.default_rng(0).random((3, len(V))))
+    layers = [Recipe("relief")]
+    some, every = measured(mesh, layers), measured(mesh, layers, check_all=True)
+    assert some.compared_frames == every.compared_frames == 3
+    assert some.mrms_rel_error > 3.0 * every.mrms_rel_error
+    assert abs(some.mrms_rel - every.mrms_rel) <= 3.0 * some.mrms_rel_error
+    # Where that leaves the limit in doubt, at all of them.
+    [relief] = [layers[0].with_parameter("max_mrms", 1.001 * every.mrms_rel)]
+    assert measured(mesh, [relief]).mrms_rel == every.mrms_rel
 
 
 def test_all_frames_are_compared_if_the_limit_is_in_doubt() -> None:
