@@ -6,6 +6,7 @@ from functools import lru_cache
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame
+from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import Proxy, build_proxy
 from meshmark_plugins.schemes.apex.anchors.components import Component, large_components
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
@@ -13,6 +14,9 @@ from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Components of more vertices are measured on proxies of about so many.
 MOST_VERTICES, PROXY_VERTICES = 32_000, 12_000
+# What is restored has no proxies of its own where its area is more than this times what it was: it
+# is full of noise. What was smoothed indeed gains a tenth at most.
+MAX_ROUGHNESS = 1.5
 # Where displacements are solved for, too, it takes more: they change within a bin.
 MARKING_PROXY_VERTICES = 16_000
 
@@ -49,12 +53,19 @@ class Proxies:
             return None
         triangle = tuple(component.vertices[component.faces[0]].tolist())
         if triangle not in self._built:
-            points = self._V[component.vertices]
-            built = build_proxy(points, component.faces, self._n_vertices)
-            if built is None and self._instead is not None:
-                built = self._instead.of(component)
-            self._built[triangle] = built
+            self._built[triangle] = self._build(component)
         return self._built[triangle]
+
+    def _build(self, component: Component) -> Proxy | None:
+        instead = self._instead
+        if instead is not None and self._area(component) > MAX_ROUGHNESS * instead._area(component):
+            return instead.of(component)
+        points = self._V[component.vertices]
+        built = build_proxy(points, component.faces, self._n_vertices)
+        return instead.of(component) if built is None and instead is not None else built
+
+    def _area(self, component: Component) -> float:
+        return float(face_areas(self._V[component.vertices], component.faces).sum())
 
 
 def marking_proxies(V: FloatArray, F: IntArray) -> Proxies:
