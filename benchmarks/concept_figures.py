@@ -18,35 +18,22 @@ import numpy as np
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import ListedColormap
 
-from apex_figures import (
-    BALL,
-    SIZE,
-    Subject,
-    framed,
-    linear,
-    on_picture,
-    picture,
-    save,
-    show,
-    subject_of,
-)
+from apex_figures import BALL, linear, on_picture, picture, save, show, subject_of
+from concept_close_up import draw_mark
+from concept_copies import RED, WIDTH, Copies
 from measuring import REPOSITORY
 from meshmark import Key
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.demo import creature
 from meshmark.detection.decision import decide, shares
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.gathering import gather
 from meshmark.extension.recipe import Recipe
 from meshmark.extension.registry import make_attack
 from meshmark.mesh.animation import Frame, MeshAnimation
-from meshmark.metrics import mrms
 from meshmark.statistics.p_values import word_log_e_means
-from render import CLAY, View
+from render import CLAY
 
 # The key the creature is marked with, and another; both are public, for pictures only.
 KEY, OTHER_KEY = Key(bytes(range(32))), Key(bytes(range(32, 64)))
@@ -54,124 +41,14 @@ RECIPIENTS = ("acme", "globex")
 N_KEYS = 1000
 LIMIT = 6  # decades: one in a million
 MINUS, PLUS = "#e08a1e", "#2c6fbb"
-DARK, RED, GREEN = "0.25", "#c0392b", "#3a8f4d"
+DARK, GREEN = "0.25", "#3a8f4d"
 SIGNS = ListedColormap([MINUS, PLUS])
-WIDTH = 10.4  # inches
-# Width of the close-up of the mark, in root areas, and the fewest points it shows.
-CLOSE_UP, FEWEST = 0.11, 40
-
-
-@dataclass(frozen=True, eq=False)
-class Copies:
-    """The first frame of the creature, unmarked and marked, and what blind detection measures."""
-
-    subject: Subject
-    frame: Frame
-    marked: Frame
-
-    @classmethod
-    def of(cls, subject: Subject) -> Copies:
-        frame = subject.animation[0]
-        return cls(subject, frame, Frame(frame.time, subject.marked[0], frame.topology))
-
-    def words(self, key: Key, recipient: str | None = None) -> IntArray:
-        """Words of the anchors that are marked, (C, K)."""
-        scheme = self.subject.scheme
-        words = key.words("apex", scheme.n_words, scheme.n_chips, recipient)
-        return words[self.subject.anchors.words]
-
-    def view(self) -> View:
-        return framed(self.subject, self.frame.points)
 
 
 def evidence_of(frame: Frame) -> list[Evidence]:
     """Measure a frame by itself, as a leaked copy would be."""
     animation = MeshAnimation.from_frames([frame])
     return list(gather(animation, recipes=[Recipe("apex")], restored=False).items)
-
-
-def draw_mark(copies: Copies, path: Path) -> None:
-    """Draw how far points moved, and both versions of a piece of the mesh over each other."""
-    P, X, F = copies.frame.points, copies.marked.points, copies.frame.faces
-    view, size = copies.view(), float(np.linalg.norm(np.ptp(P, axis=0)))
-    move = 100.0 * np.linalg.norm(X - P, axis=1) / size
-    print(f"moves: median {np.median(move):.2f} %, largest {move.max():.2f} % of the diagonal")
-    print(f"between the surfaces: MRMS {100.0 * mrms(P, F, X, F) / size:.3f} % of the diagonal")
-    norm, cmap = Normalize(0.0, float(np.percentile(move, 99.0))), plt.cm.magma_r
-    image = picture(
-        P, F, move[:, None], lambda v: linear(cmap(norm(v[:, 0]))), view, np.empty((0, 3)), 0.0
-    )
-    figure, axes = plt.subplots(
-        1, 2, figsize=(WIDTH, 3.9), width_ratios=(1.62, 1.0), layout="constrained"
-    )
-    show(axes[0], image, "how far each point moved")
-    bar = figure.colorbar(
-        ScalarMappable(norm, cmap), ax=axes[0], location="bottom", shrink=0.7, aspect=40, pad=0.02
-    )
-    bar.set_label("% of the creature's diagonal", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    centre = close_up_centre(copies, move, view)
-    mark_square(axes[0], P[centre], view, copies)
-    draw_close_up(axes[1], copies, centre, view)
-    save(figure, path)
-
-
-def half_width(copies: Copies) -> float:
-    """Half the width of the close-up, in the unit of the points."""
-    P, F = copies.frame.points, copies.frame.faces
-    normals = np.cross(P[F[:, 1]] - P[F[:, 0]], P[F[:, 2]] - P[F[:, 0]])
-    return CLOSE_UP / 2.0 * float(np.sqrt(np.linalg.norm(normals, axis=1).sum() / 2.0))
-
-
-def close_up_centre(copies: Copies, move: FloatArray, view: View) -> int:
-    """Choose the point about which the mark moved points most, on a side that faces the eye."""
-    P, half = copies.frame.points, half_width(copies)
-    front = facing(copies, view) > 0.5
-    mean = np.full(len(P), -1.0)
-    for v in np.flatnonzero(front):
-        near = np.linalg.norm(P - P[v], axis=1) < half
-        if front[near].all() and near.sum() >= FEWEST:
-            mean[v] = move[near].mean()
-    return int(mean.argmax())
-
-
-def facing(copies: Copies, view: View) -> FloatArray:
-    """Cosine between the normals at the points and the direction towards the eye, (N,)."""
-    P, F = copies.frame.points, copies.frame.faces
-    area = np.cross(P[F[:, 1]] - P[F[:, 0]], P[F[:, 2]] - P[F[:, 0]])
-    normals = np.zeros_like(P)
-    np.add.at(normals, F.reshape(-1), np.repeat(area, 3, axis=0))
-    return (normals @ view.axes()[2]) / np.linalg.norm(normals, axis=1)
-
-
-def mark_square(ax, centre: FloatArray, view: View, copies: Copies) -> None:
-    scale = SIZE[0] / view.span
-    x, y = np.array(SIZE) / 2.0 + (view.axes()[:2] @ (centre - view.center)) * [1, -1] * scale
-    half = half_width(copies) * scale
-    # White beneath keeps the square visible on dark points.
-    for colour, width in (("white", 5), (RED, 2.5)):
-        corner, side = (x - half, y - half), 2 * half
-        ax.add_patch(plt.Rectangle(corner, side, side, fill=False, ec=colour, lw=width))
-
-
-def draw_close_up(ax, copies: Copies, centre: int, view: View) -> None:
-    P, X, half = copies.frame.points, copies.marked.points, half_width(copies)
-    E = quad_edges()
-    flat, moved = ((V - P[centre]) @ view.axes()[:2].T for V in (P, X))
-    near = (np.abs(flat) < 1.3 * half).all(axis=1) & (facing(copies, view) > 0.2)
-    E = E[near[E].all(axis=1)]
-    for points, colour, width in ((flat, "0.55", 1.0), (moved, RED, 1.4)):
-        ax.add_collection(LineCollection(points[E], colors=colour, linewidths=width))
-    ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
-    ax.set_title("close-up: original grey, marked red", fontsize=10)
-    for spine in ax.spines.values():
-        spine.set(color=RED, linewidth=2)
-
-
-def quad_edges() -> IntArray:
-    """Edges of the creature's quads (E, 2), without the diagonals that analysis adds."""
-    quads = creature(frames=1)[0].topology.indices.reshape(-1, 4)
-    return np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
 def draw_key(copies: Copies, path: Path) -> None:
@@ -241,8 +118,7 @@ def rings(copies: Copies, signs: FloatArray, only: int | None = None):
         gap = (x - k < 0.1) | (x - k > 0.9)
         return np.where(((sign != 0.0) & ~gap)[:, None], colours[(sign > 0).astype(int)], CLAY)
 
-    area = half_width(copies) * 2.0 / CLOSE_UP
-    return picture(P, F, reach.T, paint, copies.view(), tips, BALL * area)
+    return picture(P, F, reach.T, paint, copies.view(), tips, BALL * copies.root_area)
 
 
 def draw_evidence(copies: Copies, path: Path) -> None:
