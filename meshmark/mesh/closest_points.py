@@ -107,7 +107,7 @@ def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArr
     weights, flat = plane_weights(P, a, b, c)
     outside = flat | (weights.min(axis=1) < 0)
     # Where the foot of the perpendicular is outside, the closest point lies on an edge.
-    weights[outside] = _closest_on_edges(P[outside], a[outside], b[outside], c[outside])
+    weights[outside] = closest_on_edges(P[outside], a[outside], b[outside], c[outside])
     return weights
 
 
@@ -192,7 +192,7 @@ def plane_weights(
     return np.stack([1 - s - t, s, t], axis=1), flat
 
 
-def _closest_on_edges(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+def closest_on_edges(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Compute barycentric coordinates of the closest points of the triangles' borders."""
     t = [_segment_weights(P, *ends) for ends in ((a, b), (b, c), (c, a))]
     zero = np.zeros(len(P))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
-from meshmark.mesh.closest_points import closest_in_triangle
+from meshmark.mesh.closest_points import closest_on_edges
 from meshmark.mesh.geometry import FLAT, lengths
 
 
@@ -58,7 +58,7 @@ def prolongation(
     unsure = np.flatnonzero(bound < squares[rows])
     rows, slot = rows[unsure], slot[unsure]
     corners = [V[samples[corner]] for corner in fans.corners[:, slot]]
-    exact = closest_in_triangle(V[rows], *corners)
+    exact = closest_on_edges(V[rows], *corners)
     square = lengths(sum(exact[:, k, None] * corners[k] for k in range(3)) - V[rows]) ** 2
     # Backwards and by distance, so that of those of a vertex the closest is the last.
     order = np.lexsort((-np.arange(len(rows)), -square))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmark import kernels
 from meshmark.detection.extraction import Extraction
 from meshmark.detection.observer import Observer, Reference
 from meshmark.errors import CapacityError
@@ -160,6 +161,16 @@ def test_a_proxy_serves_all_looks_and_frames(monkeypatch, smoothed, thin, n_buil
     assert [variant.restored for variant in view.look([0, 1]).variants] == [0, 10, 30, 50]
     # What is restored has one of its own, unless that is too rough, or too thin.
     assert len(built) == n_built
+
+
+def test_looking_at_a_copy_takes_no_compiled_loops(monkeypatch):
+    monkeypatch.setattr(proxies, "MOST_VERTICES", 600)
+    monkeypatch.setattr(proxies, "PROXY_VERTICES", 600)
+    # They take longer to load than they would save.
+    monkeypatch.setattr(kernels, "load_loops", lambda name: pytest.fail(f"loads {name}"))
+    V, F = bumpy_sphere(3, HORNS)
+    frame = Frame(0.0, V, Topology.from_triangles(F, len(V)))
+    assert len(Apex().observe(frame).vertices) == 4
 
 
 def test_it_makes_no_difference_which_restoration_is_measured_first(monkeypatch):
