@@ -21,10 +21,12 @@ APEX = "meshmark_plugins.schemes.apex"
 # the stages of what is called.
 DISTANCES = (
     (f"{APEX}.anchors.proxies", "build_proxy", "proxies"),
+    (f"{APEX}.anchors.proxies", "distance_topology", "distances: topologies"),
     (f"{APEX}.anchors.proxy_distances", "ProxyDistances.__init__", "distances: factors"),
-    (f"{APEX}.anchors.proxy_distances", "EvenMeshDistances.from_point", "distances: solves"),
+    (f"{APEX}.anchors.proxy_distances", "EvenMeshDistances.from_points", "distances: solves"),
     (f"{APEX}.anchors.proxy_distances", "ProxyDistances.to_proxy", "distances: near anchors"),
     (f"{APEX}.anchors.geodesics", "GeodesicDistances.__init__", "distances: factors"),
+    (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertices", "distances: solves"),
     (f"{APEX}.anchors.geodesics", "GeodesicDistances.from_vertex", "distances: solves"),
 )
 EMBED_STAGES = (
@@ -42,7 +44,7 @@ EMBED_STAGES = (
     (f"{APEX}.marking.keyframe_solver", "energy_over_poses", "energies"),
     ("meshmark.mesh.deformation", "Deformation.gradients", "deformation gradients"),
     (f"{APEX}.marking.displacement_transfer", "allowed_shares", "holding faces back"),
-    (f"{APEX}.marking.proxy_constraints", "allowed_shares", "holding faces back"),
+    (f"{APEX}.marking.pose_constraints", "allowed_shares", "holding faces back"),
     (f"{APEX}.marking.plan", "restrain", "holding faces back"),
     (f"{APEX}.marking.plan", "fit_to_surface", "fitting to surfaces"),
     (f"{APEX}.marking.plan", "surface_distance", "keeping to the limit"),

@@ -7,9 +7,10 @@ from functools import lru_cache
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame
 from meshmark.mesh.geometry import face_areas
+from meshmark.mesh.heat_distances import HeatTopology
 from meshmark.mesh.proxy import Proxy, build_proxy
 from meshmark_plugins.schemes.apex.anchors.components import Component, large_components
-from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances, distance_topology
 from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 
 # Components of more vertices are measured on proxies of about so many.
@@ -51,10 +52,10 @@ class Proxies:
         """Return the proxy of a component, if it needs one and there is a good one."""
         if len(component.vertices) <= MOST_VERTICES:
             return None
-        triangle = tuple(component.vertices[component.faces[0]].tolist())
-        if triangle not in self._built:
-            self._built[triangle] = self._build(component)
-        return self._built[triangle]
+        name = _name(component)
+        if name not in self._built:
+            self._built[name] = self._build(component)
+        return self._built[name]
 
     def _build(self, component: Component) -> Proxy | None:
         instead = self._instead
@@ -68,12 +69,35 @@ class Proxies:
         return float(face_areas(self._V[component.vertices], component.faces).sum())
 
 
-def marking_proxies(V: FloatArray, F: IntArray) -> Proxies:
-    """Build the proxies that a mesh is marked by, so that worker processes need not do so."""
-    proxies = Proxies(V, MARKING_PROXY_VERTICES)
-    for component in large_components(V, F):
-        proxies.of(component)
-    return proxies
+class MarkingProxies(Proxies):
+    """The proxies that a mesh is marked by, and what makes many poses of it quick to measure.
+
+    All is built at once, so that worker processes need not do so.
+
+    Parameters
+    ----------
+    V : (N, 3) float64
+        The pose they are built in.
+    F : (F, 3) int
+        Triangles.
+    """
+
+    def __init__(self, V: FloatArray, F: IntArray) -> None:
+        super().__init__(V, MARKING_PROXY_VERTICES)
+        self._topologies: dict[tuple[int, ...], HeatTopology | None] = {}
+        for component in large_components(V, F):
+            proxy, points = self.of(component), V[component.vertices]
+            surface = (
+                (points, component.faces) if proxy is None else (proxy.fit(points), proxy.faces)
+            )
+            self._topologies[_name(component)] = distance_topology(*surface)
+
+    def distances(self, V: FloatArray, component: Component) -> GeodesicDistances | ProxyDistances:
+        """Choose how to measure distances on a component whose vertices are at V (n, 3)."""
+        proxy, topology = self.of(component), self._topologies.get(_name(component))
+        if proxy is None:
+            return GeodesicDistances(V, component.faces, topology=topology)
+        return ProxyDistances(V, component.faces, proxy, topology)
 
 
 @lru_cache(maxsize=8)
@@ -85,3 +109,8 @@ def proxies_of(frame: Frame) -> Proxies:
     """
     found = frame.as_found
     return Proxies(frame.points, instead=None if found is None else proxies_of(found))
+
+
+def _name(component: Component) -> tuple[int, ...]:
+    """First triangle of a component: what tells it from others, in any pose."""
+    return tuple(component.vertices[component.faces[0]].tolist())

@@ -10,6 +10,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import CapacityError
 from meshmark.mesh.factors import SymmetricFactor
 from meshmark.mesh.geometry import area_vectors, face_areas, lengths, normalized, vertex_areas
+from meshmark.mesh.heat_distances import POISSON_SHIFT, HeatTopology
 from meshmark.mesh.laplacian import stiffness_matrix
 from meshmark.mesh.proxy import Proxy
 from meshmark.mesh.topology import vertex_components
@@ -19,10 +20,9 @@ from meshmark_plugins.schemes.apex.anchors.geodesics import (
     EXTENSION_WIDTH,
     MIN_BORDER_LENGTH,
     GeodesicDistances,
+    compiled_distances,
 )
 
-# What is added to the Laplacian, in masses, so that it can be inverted.
-POISSON_SHIFT = 1e-7
 # Smallest area, as a share of the mean one, that a triangle counts with. Cotangents are not bounded
 # otherwise: without those of obtuse angles, distances would be too short.
 MIN_TRIANGLE_AREA_SHARE = 1e-3
@@ -49,6 +49,8 @@ class EvenMeshDistances:
         Length in which distances are given.
     order : (n,) int, optional
         An order of the vertices in which factors stay sparse, if one is known.
+    topology : HeatTopology, optional
+        Of these triangles; see `GeodesicDistances`.
 
     Raises
     ------
@@ -68,16 +70,53 @@ class EvenMeshDistances:
     """
 
     def __init__(
-        self, V: FloatArray, F: IntArray, unit: float, order: IntArray | None = None
+        self,
+        V: FloatArray,
+        F: IntArray,
+        unit: float,
+        order: IntArray | None = None,
+        topology: HeatTopology | None = None,
     ) -> None:
         root_area = float(np.sqrt(face_areas(V, F).sum()))
         if root_area == 0.0:
             raise CapacityError("the surface has no area")
         self._V, self._units = (V - V.mean(axis=0)) / root_area, root_area / unit
         U, F = extend_boundary(self._V, F, EXTENSION_WIDTH, MIN_BORDER_LENGTH)
-        self._n_solved = len(U)
         # What a border was extended by is in no order.
         order = None if len(U) > len(V) else order
+        compiled = compiled_distances(topology, U, F, DIFFUSION_LENGTH, in_sides=False)
+        self._solver = _EvenSolver(U, F, order) if compiled is None else compiled
+
+    def from_vertex(self, source: int) -> FloatArray:
+        """Measure from one vertex to all, (n,) float64, in units."""
+        return self.from_points([(np.array([source]), np.ones(1))])[0]
+
+    def from_points(self, points: list[tuple[IntArray, FloatArray]]) -> FloatArray:
+        """Measure from points in triangles to all vertices, (S, n) float64, in units.
+
+        Parameters
+        ----------
+        points : list of ((k,) int, (k,) float64)
+            Of each, the corners of its triangle, or those of them that matter, and its barycentric
+            coordinates, summing to 1.
+        """
+        heat = np.zeros((len(points), self._solver.n_points))
+        for row, (corners, shares) in zip(heat, points, strict=True):
+            row[corners] = shares
+        found = self._solver.from_sources(heat)[:, : len(self._V)]
+        if not np.all(np.isfinite(found)):
+            raise CapacityError("distances cannot be measured: the surface is too degenerate")
+        for d, (corners, shares) in zip(found, points, strict=True):
+            V = self._V[corners]
+            d += shares @ lengths(V - shares @ V) - shares @ d[corners]
+        return self._units * np.maximum(found, 0.0)
+
+
+class _EvenSolver:
+    """Distances by plain cotangent weights; see `HeatDistances`, which does the same."""
+
+    def __init__(self, U: FloatArray, F: IntArray, order: IntArray | None) -> None:
+        self.n_points = len(U)
         mass = diags_array(vertex_areas(U, F))
         L = stiffness_matrix(F, _half_cotangents(U, F), len(U))
         try:
@@ -88,30 +127,15 @@ class EvenMeshDistances:
         self._gradient = _scaled_gradient(U, F)
         self._divergence = csr_matrix(self._gradient.T)
 
-    def from_vertex(self, source: int) -> FloatArray:
-        """Measure from one vertex to all, (n,) float64, in units."""
-        return self.from_point(np.array([source]), np.ones(1))
+    def from_sources(self, heat: FloatArray) -> FloatArray:
+        """Measure distances from where heat (S, N) is, up to a constant, (S, N)."""
+        return np.array([self._from_source(row) for row in heat])
 
-    def from_point(self, corners: IntArray, shares: FloatArray) -> FloatArray:
-        """Measure from a point in a triangle to all vertices, (n,) float64, in units.
-
-        Parameters
-        ----------
-        corners : (k,) int
-            Corners of the triangle, or those of them that matter.
-        shares : (k,) float64
-            Barycentric coordinates of the point, summing to 1.
-        """
-        heat = np.zeros(self._n_solved)
-        heat[corners] = shares
+    def _from_source(self, heat: FloatArray) -> FloatArray:
         slope = (self._gradient @ self._heat.solve(heat)).reshape(-1, 3)
         away = -normalized(slope).ravel()
-        d: FloatArray = self._poisson.solve(0.5 * (self._divergence @ away))[: len(self._V)]
-        if not np.all(np.isfinite(d)):
-            raise CapacityError("distances cannot be measured: the surface is too degenerate")
-        V = self._V[corners]
-        cone = shares @ lengths(V - shares @ V)
-        return self._units * np.maximum(d - shares @ d[corners] + cone, 0.0)
+        d: FloatArray = self._poisson.solve(0.5 * (self._divergence @ away))
+        return d
 
 
 class ProxyDistances:
@@ -125,6 +149,8 @@ class ProxyDistances:
         Triangles.
     proxy : Proxy
         Of the surface.
+    topology : HeatTopology, optional
+        Of the proxy; see `GeodesicDistances`.
 
     Attributes
     ----------
@@ -141,12 +167,16 @@ class ProxyDistances:
         If the surface is too degenerate to solve on.
     """
 
-    def __init__(self, V: FloatArray, F: IntArray, proxy: Proxy) -> None:
+    def __init__(
+        self, V: FloatArray, F: IntArray, proxy: Proxy, topology: HeatTopology | None = None
+    ) -> None:
         self.root_area = float(np.sqrt(face_areas(V, F).sum()))
         if self.root_area == 0.0:
             raise CapacityError("the surface has no area")
         self.proxy, self.V = proxy, proxy.fit(V)
-        self.on_proxy = EvenMeshDistances(self.V, proxy.faces, self.root_area, proxy.order)
+        self.on_proxy = EvenMeshDistances(
+            self.V, proxy.faces, self.root_area, proxy.order, topology
+        )
         self._of_mesh = V / self.root_area, F
         own_area = face_areas(self.V, proxy.faces).sum()
         self._spacing = float(np.sqrt(own_area / len(self.V))) / self.root_area
@@ -161,12 +191,13 @@ class ProxyDistances:
 
     def to_proxy(self, sources: IntArray) -> FloatArray:
         """Measure from each of several vertices to those of the proxy, (S, n), in root areas."""
-        return np.array([self._from_source(source) for source in sources.tolist()])
-
-    def _from_source(self, source: int) -> FloatArray:
-        row = self.proxy.prolongation[[source]]
-        d = self.on_proxy.from_point(row.indices, row.data)
-        return np.maximum(d - self._surplus(source, self.proxy.prolongation @ d), 0.0)
+        at = [self.proxy.prolongation[[source]] for source in sources.tolist()]
+        found = self.on_proxy.from_points([(row.indices, row.data) for row in at])
+        surpluses = [
+            self._surplus(source, self.proxy.prolongation @ d)
+            for source, d in zip(sources.tolist(), found, strict=True)
+        ]
+        return np.maximum(found - np.array(surpluses)[:, None], 0.0)
 
     def _surplus(self, source: int, d: FloatArray) -> float:
         """Find by how much d (N,), from a source, is longer near it than on the mesh itself.

@@ -21,7 +21,7 @@ from meshmark_plugins.schemes.apex.anchors.persistence import (
     MIN_PERSISTENCE_DETECTED,
     MIN_PERSISTENCE_MARKED,
 )
-from meshmark_plugins.schemes.apex.anchors.proxies import Proxies, marking_proxies
+from meshmark_plugins.schemes.apex.anchors.proxies import MarkingProxies, Proxies
 
 # Most anchors that are tracked, and frames in which they are.
 MAX_TRACKED_ANCHORS, TRACKED_FRAMES = 12, 12
@@ -55,7 +55,7 @@ class FrameAnchors:
     def proxies(self) -> Proxies:
         """The proxies of the topology."""
         first = self.animation[0]
-        return marking_proxies(first.points, first.faces)
+        return MarkingProxies(first.points, first.faces)
 
     def of(self, frames: Sequence[int]) -> list[tuple[IntArray, FloatArray]]:
         """Return vertices and persistence of the anchors of some frames, maybe none."""

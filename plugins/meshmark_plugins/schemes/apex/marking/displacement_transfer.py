@@ -106,6 +106,6 @@ class DisplacementTransfer:
     def moves(self, P: FloatArray, d: FloatArray, shares: FloatArray | float = 1.0) -> FloatArray:
         """Carry a displacement to another frame: moves of its vertices, (N, 3); see `apply`."""
         moves = self.root_area * self.deformation.carry(d.reshape(-1, 3), self.positions(P))
-        if self.proxy is None:
-            return moves
-        return np.reshape(shares, (-1, 1)) * (self.proxy.prolongation @ moves)
+        if self.proxy is not None:
+            moves = self.proxy.prolongation @ moves
+        return np.reshape(shares, (-1, 1)) * moves

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
-from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
+from meshmark.mesh.geometry import (
+    area_vectors,
+    face_areas,
+    lengths,
+    normalized,
+    sum_at_corners,
+)
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.chips.radial_histogram import TRIANGLE_SAMPLES
+from meshmark_plugins.schemes.apex.chips.soft_chips import chip_kernel
 
 
 def distance_directions(field: GeodesicField) -> FloatArray:
@@ -37,74 +43,87 @@ def growth_directions(V: FloatArray, F: IntArray, H: FloatArray) -> FloatArray:
     return np.array(directions)
 
 
-def slide_field(field: GeodesicField, V: FloatArray) -> GeodesicField:
-    """Update distances from the anchors for vertices that have slid a little, to V (n, 3).
+def surface_means(
+    V: FloatArray, F: IntArray, H: FloatArray, width: float, n_bins: int
+) -> FloatArray:
+    """Mean of `chip_kernel` over the area in each bin, (m, K), from distances H (m, n)."""
+    areas = np.repeat(face_areas(V, F) / len(TRIANGLE_SAMPLES), len(TRIANGLE_SAMPLES))
+    means = []
+    for row in H:
+        inside, k, u = _bins((row[F] @ TRIANGLE_SAMPLES.T).ravel(), width, n_bins)
+        means.append(_means(k, areas[inside], chip_kernel(u), n_bins))
+    return np.array(means)
 
-    To first order: vertices slide by a tenth of a bin or so, over which the way from an anchor
-    hardly turns, and measuring anew takes ten times as long.
-    """
-    moves = V - field.V
-    change = np.einsum("mnx,nx->mn", distance_directions(field), moves)
-    return replace(field, V=V, H=np.maximum(field.H + change / field.length_scale, 0.0))
 
-
-def chip_jacobian(
-    field: GeodesicField,
-    directions: FloatArray,
+def vertex_chips(
+    H: FloatArray,
+    slopes: FloatArray,
+    prolongation: csr_matrix,
     weights: FloatArray,
     width: float,
     n_bins: int,
-    n_points: int,
-) -> csr_matrix:
-    """Differentiate chips by vertex positions.
+) -> tuple[FloatArray, FloatArray, csr_matrix]:
+    """Measure the vertices' part of chips, and differentiate it by moves of what is displaced.
 
     Parameters
     ----------
-    field : Neighbourhood
-        A component of m anchors.
-    directions : (m, n, 3) float64
-        Directions in which the distance from each anchor grows, in the coordinates of the moves.
-    weights : (n,) float64
-        Whitening weights of its vertices.
+    H : (m, n) float64
+        Distances from each anchor of the vertices of what is displaced, the mesh or a proxy of it.
+    slopes : (m, n, 3) float64
+        How they change as these vertices move.
+    prolongation : (N, n) sparse float64
+        Barycentric coordinates of the mesh's vertices in triangles of what is displaced.
+    weights : (N,) float64
+        Whitening weights of the mesh's vertices, which moves are taken not to change.
     width : float
         Width of a bin, in the length scale of distances.
     n_bins : int
         K.
-    n_points : int
-        N, vertices of the whole mesh.
 
     Returns
     -------
-    (m K, 3 N) sparse float64
-        Change of each chip, anchor after anchor, by a move of each coordinate in lengths of the
-        mesh. Moves are taken to keep to the surface, and weights to stay.
+    means : (m, K) float64
+        Weighted mean of `chip_kernel` over the mesh's vertices in each bin.
+    counts : (m, K) float64
+        Effective number of vertices, as of `measure_chips`.
+    J : (m K, 3 n) sparse float64
+        Derivatives of the means.
     """
-    rows = [
-        _rows(field, H, direction, weights, width, n_bins, n_points)
-        for H, direction in zip(field.H, directions, strict=True)
-    ]
-    return csr_matrix(vstack(rows, format="csr"))
+    means, counts, rows = [], [], []
+    for h, slope in zip(H, slopes, strict=True):
+        inside, k, u = _bins(prolongation @ h, width, n_bins)
+        w = weights[inside]
+        total = np.bincount(k, w, n_bins)
+        means.append(_means(k, w, chip_kernel(u), n_bins))
+        squares = np.bincount(k, w**2, n_bins)
+        counts.append(np.divide(total**2, squares, out=np.zeros(n_bins), where=squares > 0.0))
+        # d/du of the kernel -sin(2 pi u), over the bin's width.
+        change = w / total[k] * (-2.0 * np.pi / width) * np.cos(2.0 * np.pi * u)
+        by_vertex = csr_matrix((change, (k, inside)), shape=(n_bins, len(weights)))
+        rows.append(_times_slopes(csr_matrix(by_vertex @ prolongation), slope))
+    return np.array(means), np.array(counts), csr_matrix(vstack(rows, format="csr"))
 
 
-def _rows(
-    field: GeodesicField,
-    H: FloatArray,
-    direction: FloatArray,
-    weights: FloatArray,
-    width: float,
-    n_bins: int,
-    n_points: int,
-) -> csr_matrix:
+def _bins(H: FloatArray, width: float, n_bins: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Which distances (N,) lie in bins, in which of them each, and at what fraction of it."""
     x = H / width - 1.0
     # What is far beyond the last bin would be beyond the integers, too.
     k = np.floor(np.minimum(x, n_bins)).astype(np.int64)
     inside = np.flatnonzero((k >= 0) & (k < n_bins))
-    k, u = k[inside], (x - k)[inside]
-    share = weights[inside] / np.bincount(k, weights[inside], n_bins)[k]
-    # d/du of the kernel -sin(2 pi u), over the bin's width in lengths of the mesh.
-    slope = -2.0 * np.pi * np.cos(2.0 * np.pi * u) / (width * field.length_scale)
-    values = (share * slope)[:, None] * direction[inside]
-    columns = 3 * field.component.vertices[inside][:, None] + np.arange(3)
-    return csr_matrix(
-        (values.ravel(), (np.repeat(k, 3), columns.ravel())), shape=(n_bins, 3 * n_points)
-    )
+    k = k[inside]
+    return inside, k, x[inside] - k
+
+
+def _means(k: IntArray, weights: FloatArray, values: FloatArray, n_bins: int) -> FloatArray:
+    """Weighted mean of values in each bin, (K,); 0 in an empty one."""
+    total = np.bincount(k, weights, n_bins)
+    sums = np.bincount(k, weights * values, n_bins)
+    return np.divide(sums, total, out=np.zeros(n_bins), where=total > 0.0)
+
+
+def _times_slopes(by_distance: csr_matrix, slope: FloatArray) -> csr_matrix:
+    """Turn derivatives (K, n) by distances into those by moves, (K, 3 n)."""
+    n_bins, n = by_distance.shape
+    columns = (3 * by_distance.indices.astype(np.int64)[:, None] + np.arange(3)).ravel()
+    values = (by_distance.data[:, None] * slope[by_distance.indices]).ravel()
+    return csr_matrix((values, columns, 3 * by_distance.indptr), shape=(n_bins, 3 * n))

@@ -32,8 +32,6 @@ PoseWorkers = Workers[PoseTask, Any]
 
 # Rounds of measuring and solving at the keyframe that all others start from, and at those.
 FIRST_KEYFRAME_ROUNDS, LATER_KEYFRAME_ROUNDS = 4, 2
-# Rounds after which distances are measured anew; in between they are carried over.
-ROUNDS_PER_MEASUREMENT = 2
 # Share of the way from the displacement it measured to the one it solved for that a round goes.
 # Chips follow moves in proportion only nearby: whole steps overshoot, and the rounds swing to and
 # fro.
@@ -77,23 +75,16 @@ class KeyframeSolver:
         self._measure([t for t in poses if t not in self.cache], d)
         for turn in range(rounds):
             if turn > 0:
-                lost = not self.constraints.distances_last and turn % ROUNDS_PER_MEASUREMENT == 0
-                self._measure(poses, d, anew=lost)
+                self._measure(poses, d)
             constraints = [self.cache[t][0] for t in poses]
             found = solve_displacement(constraints, energy, MOVE_REACH * width, d)
             d = smoother.smooth_folds(d + (RELAXATION if d.any() else 1.0) * (found - d))
-        if transfer.proxy is not None:
-            # It is on the mesh that faces are held back.
-            return d
-        # What one pose would have to hold back is held back in all: a move that comes and goes
-        # is seen, one that is shorter is not.
-        shares = list(self.workers.map([("shares", t, d, None) for t in poses]))
-        return d * np.repeat(np.min(shares, axis=0), 3)
+        return d
 
-    def _measure(self, poses: list[int], d: FloatArray, anew: bool = True) -> None:
-        """Measure a displacement in poses, with distances measured anew or carried over."""
+    def _measure(self, poses: list[int], d: FloatArray) -> None:
+        """Measure a displacement in poses; their distances once."""
         tasks: list[PoseTask] = [
-            ("constraints", t, d, None if anew else self.cache[t][1]) for t in poses
+            (t, d, self.cache[t][1] if t in self.cache else None) for t in poses
         ]
         self.cache.update(zip(poses, self.workers.map(tasks), strict=True))
 

@@ -36,7 +36,6 @@ from meshmark_plugins.schemes.apex.marking.marked_anchors import (
 )
 from meshmark_plugins.schemes.apex.marking.planning_proxy import planning_proxy
 from meshmark_plugins.schemes.apex.marking.pose_constraints import PoseConstraints
-from meshmark_plugins.schemes.apex.marking.proxy_constraints import ProxyConstraints
 from meshmark_plugins.schemes.apex.parameters import Parameters
 
 # Poses measured for each keyframe: chips change from one pose to the next by as much as a mark
@@ -152,24 +151,21 @@ def plan_animation(
     first = animation[0]
     proxies = frame_anchors.proxies
     planning = planning_proxy(first.points, first.faces, anchors.vertices, proxies)
-    proxy = None if planning is None else planning.proxy
-    transfer = DisplacementTransfer(first.points, first.faces, proxy)
+    transfer = DisplacementTransfer(first.points, first.faces, planning.proxy)
     keyframes = spread_keyframes(len(animation), parameters.hold)
     poses = [poses_of_keyframe(keyframes, j, len(animation)) for j in range(len(keyframes))]
     seen = anchors_in_poses(frame_anchors, anchors.vertices, sorted(set().union(*poses)))
     shown = np.unique(np.concatenate(list(seen.values())))
     guards = geodesic_fields(transfer.V, transfer.F, shown, proxies=proxies)
-    asked = (animation, transfer, anchors, words[anchors.words], parameters, seen)
-    if planning is None:
-        constraints = PoseConstraints(*asked)
-    else:
-        constraints = ProxyConstraints(*asked, planning, proxies)
-        guards = [planning.of_proxy(guard) for guard in guards]
+    guards = [planning.of_proxy(guard) for guard in guards]
+    own_words = words[anchors.words]
+    constraints = PoseConstraints(
+        animation, transfer, anchors, own_words, parameters, seen, planning, proxies
+    )
     with Workers(constraints, min(jobs, len(animation))) as workers:
         solved = solve_keyframes(constraints, guards, workers, poses, jobs)
     plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
-    if proxy is not None:
-        plan = hold_back(plan, animation, poses, jobs)
+    plan = hold_back(plan, animation, poses, jobs)
     return limit_mrms(plan, animation, parameters.max_mrms, jobs)
 
 

@@ -1,4 +1,4 @@
-"""The proxy that displacements of a fine mesh are planned on."""
+"""What displacements of a mesh are planned on: itself, or a proxy of it where it is fine."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A component of the mesh, and the part of the proxy that stands for it.
+    """A component of the mesh, and what of it is displaced.
 
     Parameters
     ----------
     vertices : (N,) int
         Of the mesh.
     component : Component
-        Of the proxy.
+        Of the proxy, or the mesh's own.
     prolongation : (N, n) sparse float64
-        Barycentric coordinates of each vertex of the mesh's component in a triangle of the
-        proxy's.
+        Barycentric coordinates of each vertex of the mesh's component in a triangle of what is
+        displaced.
     """
 
     vertices: IntArray
@@ -38,24 +38,25 @@ class Part:
     prolongation: csr_matrix
 
     def spread(self, J: csr_matrix, n_points: int) -> csr_matrix:
-        """Turn derivatives (k, 3 n) by moves of the part into those by moves of the proxy."""
-        shift = 3 * int(self.component.vertices[0])
-        return csr_matrix((J.data, J.indices + shift, J.indptr), (J.shape[0], 3 * n_points))
+        """Turn derivatives (k, 3 n) by moves of the part into those by moves of all, (k, 3 N)."""
+        columns = (3 * self.component.vertices[:, None] + np.arange(3)).ravel()
+        return csr_matrix((J.data, columns[J.indices], J.indptr), (J.shape[0], 3 * n_points))
 
 
 @dataclass(frozen=True, eq=False)
 class PlanningProxy:
-    """One proxy for all components with anchors; those that are not fine stand for themselves.
+    """What is displaced of all components with anchors.
 
     Parameters
     ----------
-    proxy : Proxy
-        Of the whole mesh; components without anchors have no part in it, and do not move.
+    proxy : Proxy or None
+        Of the whole mesh, if some of them are fine; others stand for themselves. Components without
+        anchors have no part in it, and do not move. None where the mesh itself is displaced.
     parts : list of Part
         Component after component.
     """
 
-    proxy: Proxy
+    proxy: Proxy | None
     parts: list[Part]
 
     def number_of(self, component: Component) -> int:
@@ -64,7 +65,7 @@ class PlanningProxy:
         return first.index(int(component.vertices[0]))
 
     def of_proxy(self, field: GeodesicField) -> GeodesicField:
-        """Take distances on a component of the mesh for those on the part that stands for it."""
+        """Take distances on a component of the mesh for those on what of it is displaced."""
         V, _, H = field.surface
         component = self.parts[self.number_of(field.component)].component
         return replace(field, component=component, V=V, H=H, on_proxy=None)
@@ -72,12 +73,12 @@ class PlanningProxy:
 
 def planning_proxy(
     V: FloatArray, F: IntArray, anchors: IntArray, proxies: Proxies
-) -> PlanningProxy | None:
-    """Put together the proxies of the components with anchors; None if none of them has one."""
+) -> PlanningProxy:
+    """Put together the proxies of the components with anchors, if any of them has one."""
     components = [each.component for each in anchored_components(V, F, anchors)]
     own = [proxies.of(component) for component in components]
     if not any(own):
-        return None
+        return PlanningProxy(None, [_own_part(component) for component in components])
     parts, placed, samples, faces, weights = [], [], [], [], np.zeros(len(V))
     first = 0
     for component, built in zip(components, own, strict=True):
@@ -93,6 +94,11 @@ def planning_proxy(
     prolongation = csr_matrix(hstack(placed, format="csr"))
     joined = Proxy(np.concatenate(samples), np.concatenate(faces), prolongation, weights)
     return PlanningProxy(joined, parts)
+
+
+def _own_part(component: Component) -> Part:
+    """Let a component be displaced itself."""
+    return Part(component.vertices, component, csr_matrix(eye_array(len(component.vertices))))
 
 
 def _itself(V: FloatArray, F: IntArray) -> Proxy:

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, vstack
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
+from meshmark.mesh.flip_guard import allowed_shares
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 from meshmark_plugins.schemes.apex.chips.soft_chips import (
     ATTACK_NOISE,
     MIN_VERTEX_COUNT,
     SINE_VARIANCE,
 )
+from meshmark_plugins.schemes.apex.chips.whitening import inverse_density_on_proxy
 from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
 from meshmark_plugins.schemes.apex.marking.gradients import (
-    chip_jacobian,
     distance_directions,
-    slide_field,
+    surface_means,
+    vertex_chips,
 )
-from meshmark_plugins.schemes.apex.marking.marked_anchors import MarkedAnchors, field_chips
+from meshmark_plugins.schemes.apex.marking.marked_anchors import MarkedAnchors
+from meshmark_plugins.schemes.apex.marking.planning_proxy import PlanningProxy
 from meshmark_plugins.schemes.apex.marking.solve_displacement import LinearConstraints
 from meshmark_plugins.schemes.apex.parameters import Parameters
 
@@ -37,22 +41,25 @@ MAX_TARGET_RATIO = 1.25
 
 
 @dataclass(frozen=True, eq=False)
-class PoseFields:
-    """Distances from the anchors in a pose.
+class PartField:
+    """Distances on a part of what is displaced, in a pose as it is.
 
     Parameters
     ----------
-    fields : list of ((m,) int, GeodesicField)
-        By component, with which of the marked anchors each has.
+    part : int
+        Which one.
+    rows : (m,) int
+        Which of the marked anchors it has.
+    field : GeodesicField
+        In root areas.
+    surface_means : (m, K) float64
+        What the area in each bin takes off its chip. Vertices that slide do not change it.
     """
 
-    fields: list[tuple[IntArray, GeodesicField]]
-
-    def slide(self, X: FloatArray) -> PoseFields:
-        """Carry the distances along with vertices that have slid a little, to X (N, 3)."""
-        return PoseFields(
-            [(rows, slide_field(field, X[field.component.vertices])) for rows, field in self.fields]
-        )
+    part: int
+    rows: IntArray
+    field: GeodesicField
+    surface_means: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +82,8 @@ class MeasuredChips:
     J: csr_matrix
 
 
-# What is asked, the frame and the displacement it is asked about, and what is known of the pose.
-PoseTask = tuple[Literal["constraints", "shares"], int, FloatArray, Any]
+# A frame, the displacement that is asked about, and what is known of the pose.
+PoseTask = tuple[int, FloatArray, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +104,16 @@ class PoseConstraints:
         Bins and strength.
     pose_vertices : mapping of (C,) int
         Where the anchors are detected in each pose, by frame.
+    planning : PlanningProxy
+        What is displaced; chips count every vertex of the mesh.
+    proxies : Proxies
+        Of the mesh.
+
+    Notes
+    -----
+    Distances of a pose are measured once, nothing displaced: vertices carry them along from there,
+    to first order. They slide by a tenth of a bin or so, over which the way from an anchor hardly
+    turns.
     """
 
     animation: MeshAnimation
@@ -105,62 +122,68 @@ class PoseConstraints:
     words: IntArray
     parameters: Parameters
     pose_vertices: Mapping[int, IntArray]
+    planning: PlanningProxy
+    proxies: Proxies
 
-    # Whether distances of a pose that were measured once serve any displacement of it.
-    distances_last: ClassVar[bool] = False
-
-    def __call__(self, task: PoseTask) -> Any:
-        """Do what is asked about a frame and a displacement; see the methods of that name."""
-        asked, index, d, fields = task
-        return self.shares(index, d) if asked == "shares" else self.constraints(index, d, fields)
-
-    def shares(self, index: int, d: FloatArray) -> FloatArray:
-        """Find how much of its move frame `index` leaves each vertex, (N,)."""
-        P = self.animation[index].points
-        return self.transfer.apply(P, d, self.transfer.closest_points(P))[1]
-
-    def constraints(
-        self, index: int, d: FloatArray, fields: Any = None
-    ) -> tuple[LinearConstraints, Any]:
-        """Apply a displacement to frame `index`, and find what its chips still lack.
-
-        Parameters
-        ----------
-        index : int
-            The frame.
-        d : (3 N,) float64
-            The displacement, in root areas of the reference frame.
-        fields : PoseFields, optional
-            The same pose under a displacement not far from this one: distances are carried over
-            instead of being measured.
+    def __call__(self, task: PoseTask) -> tuple[LinearConstraints, list[PartField]]:
+        """Apply a displacement (3 n,) to a frame, and find what its chips still lack.
 
         Returns
         -------
         constraints : LinearConstraints
-        fields : PoseFields
-            What to hand over another time.
+        fields : list of PartField
+            What to hand over when another displacement of the same frame is asked about.
         """
-        P, F = self.animation[index].points, self.transfer.F
-        X, _ = self.transfer.apply(P, d, self.transfer.closest_points(P))
-        anchors = replace(self.anchors, vertices=self.pose_vertices[index])
-        measured = fields or PoseFields(anchors.fields(X, F, self.transfer.label))
+        index, d, fields = task
+        points = self.animation[index].points
+        P = self.transfer.positions(points)
+        fields = fields or self._measure(index, points)
         G = self.transfer.root_area * self.transfer.deformation.gradients(P)
-        slid = measured if fields is None else fields.slide(X)
-        found = [self._chips(rows, field, G) for rows, field in slid.fields]
-        return self._linear(found, d), measured
+        moves = np.einsum("nij,nj->ni", G, d.reshape(-1, 3))
+        shares = allowed_shares(P, P + moves, self.transfer.surface[1], np.inf)
+        moves = shares[:, None] * moves
+        return self._linear([self._of_part(each, moves, G) for each in fields], d), fields
 
-    def _chips(self, rows: IntArray, field: GeodesicField, G: FloatArray) -> MeasuredChips:
-        """Measure the chips about the anchors of a component.
+    def _measure(self, index: int, points: FloatArray) -> list[PartField]:
+        """Measure distances in a pose, part by part."""
+        anchors = replace(self.anchors, vertices=self.pose_vertices[index])
+        transfer = self.transfer
+        fields = []
+        for rows, field in anchors.fields(points, transfer.F, transfer.label, self.proxies):
+            number = self.planning.number_of(field.component)
+            V, F, H = field.surface
+            means = surface_means(V, F, H, self._bin_width(rows), self.parameters.bins)
+            fields.append(PartField(number, rows, self.planning.of_proxy(field), means))
+        return fields
 
-        `G` (N, 3, 3) carries the moves that they are differentiated by to the pose.
-        """
-        K, width = self.parameters.bins, self.parameters.width
-        unit = float(self.anchors.units[rows[0]])
-        s, n, weights = field_chips(field, unit, K, width)
-        own_G = G[field.component.vertices]
-        directions = np.einsum("nxy,mnx->mny", own_G, distance_directions(field), optimize=True)
-        J = chip_jacobian(field.rescaled(unit), directions, weights, width, K, len(G))
-        return MeasuredChips(rows, s, n, J)
+    def _of_part(self, measured: PartField, moves: FloatArray, G: FloatArray) -> MeasuredChips:
+        """Measure the chips of a displaced part."""
+        field, part = measured.field, self.planning.parts[measured.part]
+        own = part.component.vertices
+        directions = distance_directions(field)
+        change = np.einsum("mnx,nx->mn", directions, moves[own]) / field.length_scale
+        weights = inverse_density_on_proxy(
+            field.V + moves[own],
+            part.component.faces,
+            field.length_scale,
+            self.parameters.width / 2.0,
+            part.prolongation,
+        )
+        means, n, J = vertex_chips(
+            np.maximum(field.H + change, 0.0),
+            np.einsum("nxy,mnx->mny", G[own], directions, optimize=True) / field.length_scale,
+            part.prolongation,
+            weights,
+            self._bin_width(measured.rows),
+            self.parameters.bins,
+        )
+        return MeasuredChips(
+            measured.rows, means - measured.surface_means, n, part.spread(J, len(G))
+        )
+
+    def _bin_width(self, rows: IntArray) -> float:
+        """Width of a bin about some anchors of one component, in root areas."""
+        return self.parameters.width * float(self.anchors.units[rows[0]])
 
     def _linear(self, found: list[MeasuredChips], d: FloatArray) -> LinearConstraints:
         """State what the chips of all components, under the displacement d, still lack."""
