@@ -54,12 +54,15 @@ class PartField:
         In root areas.
     surface_means : (m, K) float64
         What the area in each bin takes off its chip. Vertices that slide do not change it.
+    weights : (N,) float64, optional
+        Whitening weights of the mesh's vertices, under some displacement near the one asked about.
     """
 
     part: int
     rows: IntArray
     field: GeodesicField
     surface_means: FloatArray
+    weights: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +145,16 @@ class PoseConstraints:
         moves = np.einsum("nij,nj->ni", G, d.reshape(-1, 3))
         shares = allowed_shares(P, P + moves, self.transfer.surface[1], np.inf)
         moves = shares[:, None] * moves
-        return self._linear([self._of_part(each, moves, G) for each in fields], d), fields
+        weights = [
+            self._weights(each, moves) if each.weights is None else each.weights for each in fields
+        ]
+        found = [
+            self._of_part(each, own, moves, G) for each, own in zip(fields, weights, strict=True)
+        ]
+        # No other displacement is near to none at all.
+        if d.any():
+            fields = [replace(f, weights=own) for f, own in zip(fields, weights, strict=True)]
+        return self._linear(found, d), fields
 
     def _measure(self, index: int, points: FloatArray) -> list[PartField]:
         """Measure distances in a pose, part by part."""
@@ -156,19 +168,25 @@ class PoseConstraints:
             fields.append(PartField(number, rows, self.planning.of_proxy(field), means))
         return fields
 
-    def _of_part(self, measured: PartField, moves: FloatArray, G: FloatArray) -> MeasuredChips:
-        """Measure the chips of a displaced part."""
+    def _weights(self, measured: PartField, moves: FloatArray) -> FloatArray:
+        """Find the whitening weights of the mesh's vertices on a displaced part, (N,)."""
         field, part = measured.field, self.planning.parts[measured.part]
-        own = part.component.vertices
-        directions = distance_directions(field)
-        change = np.einsum("mnx,nx->mn", directions, moves[own]) / field.length_scale
-        weights = inverse_density_on_proxy(
-            field.V + moves[own],
+        return inverse_density_on_proxy(
+            field.V + moves[part.component.vertices],
             part.component.faces,
             field.length_scale,
             self.parameters.width / 2.0,
             part.prolongation,
         )
+
+    def _of_part(
+        self, measured: PartField, weights: FloatArray, moves: FloatArray, G: FloatArray
+    ) -> MeasuredChips:
+        """Measure the chips of a displaced part."""
+        field, part = measured.field, self.planning.parts[measured.part]
+        own = part.component.vertices
+        directions = distance_directions(field)
+        change = np.einsum("mnx,nx->mn", directions, moves[own]) / field.length_scale
         means, n, J = vertex_chips(
             np.maximum(field.H + change, 0.0),
             np.einsum("nxy,mnx->mny", G[own], directions, optimize=True) / field.length_scale,
