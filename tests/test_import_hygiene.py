@@ -184,5 +184,5 @@ def test_compiled_loops_are_let_in_by_kernels() -> None:
         f"{path.relative_to(REPOSITORY)} imports {name}"
         for path in modules_of(CORE) + modules_of(PLUGINS)
         for name in imports_of(path, REPOSITORY)
-        if within(name, "numba") or {"loops", "heat_loops"} & set(name.split("."))
+        if within(name, "numba") or {"loops", "tree_loops", "heat_loops"} & set(name.split("."))
     ]
