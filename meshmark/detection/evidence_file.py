@@ -237,13 +237,13 @@ def _strand(
     log_prior = _array(stream, header.shape[:1], _REAL)
     _require(np.isfinite(log_prior).all(), "prior")
     _require(np.all(log_prior <= _ROUNDING), "prior")
-    numbers = [disk_list.add(_frame(stream, item, header)) for _ in range(item.n_frames)]
-    return RestoredVariant(
-        restored=header.restored,
-        log_belief=header.log_belief,
-        log_prior=log_prior,
-        frames=LazySequence(lambda t: disk_list[numbers[t]], len(numbers)),
-    )
+    frames: Sequence[FrameEvidence]
+    if item.n_frames == 1:
+        frames = (_frame(stream, item, header),)
+    else:
+        numbers = [disk_list.add(_frame(stream, item, header)) for _ in range(item.n_frames)]
+        frames = LazySequence(lambda t: disk_list[numbers[t]], len(numbers))
+    return RestoredVariant(header.restored, header.log_belief, log_prior, frames)
 
 
 def _frame(stream: gzip.GzipFile, item: ItemHeader, header: RestorationHeader) -> FrameEvidence:
