@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
-from meshmark.mesh.geometry import FLAT, lengths, normalized
+from meshmark.mesh.geometry import FLAT, face_areas, lengths, normalized
 from meshmark.mesh.triangle_search import triangle_search
 
 
@@ -149,8 +149,7 @@ def surface_samples(
     weights : (n, 3) float64
         Its barycentric coordinates there.
     """
-    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
-    area = lengths(np.cross(b - a, c - a))
+    area = face_areas(V, F)
     if not area.any():
         # Crushed into a line or a point.
         area = np.ones(len(F))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.mesh.geometry import area_vectors, face_areas, lengths
 from meshmark.mesh.topology import edges
 
 # A face whose normal is shorter than this share of its longest edge squared has no direction.
@@ -26,7 +27,7 @@ def flipped_faces(V0: FloatArray, V1: FloatArray, F: IntArray) -> int:
         Triangles.
     """
     n0, n1 = _normals(V0, F), _normals(V1, F)
-    return int(np.count_nonzero(np.einsum("ij,ij->i", n0, n1) < 0))
+    return int(np.count_nonzero(_dot(n0, n1) < 0))
 
 
 def min_angle_change(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
@@ -53,13 +54,11 @@ def min_angle_change(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
 
 def smallest_angles(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the smallest angle of each face in degrees, (F,); 0 for one without area."""
-    corners = V[F]
-    there = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
+    a, b, c = (V[i] for i in F.T)
+    # |u| |v| sin is twice the area at every corner: the smallest angle is where |u| |v| cos is most.
+    cosine = np.max([_dot(b - a, c - a), _dot(c - b, a - b), _dot(a - c, b - c)], axis=0)
     # The arctangent is exact for needles, where a cosine near 1 has no digits left.
-    sine = np.linalg.norm(np.cross(there, back), axis=2)
-    angles = np.arctan2(sine, np.einsum("ijk,ijk->ij", there, back))
-    return np.degrees(angles.min(axis=1))
+    return np.degrees(np.arctan2(2.0 * face_areas(V, F), cosine))
 
 
 def normal_turn(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
@@ -75,12 +74,11 @@ def normal_turn(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
         Triangles.
     """
     n0, n1 = _normals(V0, F), _normals(V1, F)
-    area = np.linalg.norm(n0, axis=1) * (np.linalg.norm(n1, axis=1) > 0.0)
+    area = lengths(n0) * (lengths(n1) > 0.0)
     if not area.any():
         return 0.0
     # The arctangent is exact for small angles, where a cosine near 1 has no digits left.
-    sine = np.linalg.norm(np.cross(n0, n1), axis=1)
-    angle = np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", n0, n1)))
+    angle = np.degrees(np.arctan2(lengths(np.cross(n0, n1)), _dot(n0, n1)))
     return float(np.sqrt((area * angle**2).sum() / area.sum()))
 
 
@@ -104,8 +102,12 @@ def max_move_edges(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
 
 def _normals(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute face normals of any length, zero where there is no direction, (F, 3)."""
-    a, b, c = V[F[:, 0]], V[F[:, 1]], V[F[:, 2]]
-    n = np.cross(b - a, c - a)
-    longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
-    n[np.linalg.norm(n, axis=1) <= _SLIVER * longest] = 0.0
+    a, b, c = (V[i] for i in F.T)
+    n = 2.0 * area_vectors(V, F)
+    longest = np.max([_dot(side, side) for side in (b - a, c - b, a - c)], axis=0)
+    n[lengths(n) <= _SLIVER * longest] = 0.0
     return n
+
+
+def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.einsum("ij,ij->i", x, y)
