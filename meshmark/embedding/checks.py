@@ -26,7 +26,7 @@ from meshmark.workers.progress import MeshProgress
 # Frames of each mesh that are checked, and points of each surface that distances are taken at.
 FRAMES, SAMPLES = 12, 20_000
 # Points of each mesh that are read beside the original: a few of these frames, of a large mesh.
-POINTS = 50_000
+POINTS = 30_000
 # The limit to the distortion is in doubt if it is no more standard errors away than this.
 DOUBT = 3.0
 # The false positive rate that what was written is verified at.

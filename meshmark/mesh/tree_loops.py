@@ -117,9 +117,9 @@ def closest_triangles(
                 to_right = _square_to_box(boxes, right, x, y, z)
                 if to_left > to_right:
                     left, right, to_left, to_right = right, left, to_right, to_left
-                if to_right <= least:
-                    nodes[n_open], squares[n_open] = right, to_right
-                    n_open += 1
+                # Without a branch: which way it goes is mostly anybody's guess.
+                nodes[n_open], squares[n_open] = right, to_right
+                n_open += 1 if to_right <= least else 0
                 if to_left > least:
                     break
                 node = left
