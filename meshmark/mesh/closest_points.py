@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
-from meshmark.mesh.geometry import FLAT, face_areas, lengths, normalized
+from meshmark.mesh.geometry import FLAT, area_vectors, face_areas, lengths, normalized
 from meshmark.mesh.triangle_search import triangle_search
 
 
@@ -34,7 +34,9 @@ class ClosestPoints:
     def __init__(self, V: FloatArray, F: IntArray, order: IntArray | None = None) -> None:
         self._V, self._F = V, F
         # Points that no triangle uses must not cost precision.
-        corners = V[F.ravel()].T
+        used = np.zeros(len(V), dtype=bool)
+        used[F.ravel()] = True
+        corners = V[used].T
         # Column by column: a reduction over axes this long takes several times as long.
         low, high = (np.array([end(x) for x in corners]) for end in (np.min, np.max))
         self._centre = (low + high) / 2
@@ -75,8 +77,8 @@ class ClosestPoints:
 
     def planes(self, face: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return a point and the unit normal, 0 without area, of triangles (n,), (n, 3) each."""
-        a, b, c = self._V[self._F].swapaxes(0, 1)
-        return a[face], normalized(np.cross(b - a, c - a))[face]
+        normals = normalized(area_vectors(self._V, self._F))
+        return self._V[self._F[face, 0]], normals[face]
 
     def distances(self, Q: FloatArray) -> FloatArray:
         """Compute the distance of each query from the surface, (n,)."""

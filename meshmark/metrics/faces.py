@@ -55,7 +55,7 @@ def min_angle_change(V0: FloatArray, V1: FloatArray, F: IntArray) -> float:
 def smallest_angles(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the smallest angle of each face in degrees, (F,); 0 for one without area."""
     a, b, c = (V[i] for i in F.T)
-    # |u| |v| sin is twice the area at every corner: the smallest angle is where |u| |v| cos is most.
+    # |u| |v| sin is twice the area at each corner: the smallest angle is where |u| |v| cos is most.
     cosine = np.max([_dot(b - a, c - a), _dot(c - b, a - b), _dot(a - c, b - c)], axis=0)
     # The arctangent is exact for needles, where a cosine near 1 has no digits left.
     return np.degrees(np.arctan2(2.0 * face_areas(V, F), cosine))
