@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 
@@ -17,6 +19,8 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line; every error is one line on stderr and an exit code."""
+    # Or else, in the end, Python looks for garbage among all that was imported, again and again.
+    atexit.register(gc.freeze)
     with watched_streams():
         _run()
 
