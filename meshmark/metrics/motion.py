@@ -11,7 +11,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.deformation import Deformation, OneRings
 
 # Vertices that flicker is measured at, at most: evenly spread over their list.
-MOST_VERTICES = 5_000
+MOST_VERTICES = 2_500
 
 
 def flicker(P: FloatArray, D: FloatArray, F: IntArray) -> float:
