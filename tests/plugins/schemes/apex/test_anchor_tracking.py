@@ -8,8 +8,10 @@ import pytest
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import bumpy_sphere, capsule
 from meshmark.workers.scratch import DOUBLE, ScratchFile
+from meshmark_plugins.schemes.apex.anchors import track
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
+    RecurringPoses,
     anchors_if_any,
     anchors_in_poses,
     lasting_anchors,
@@ -50,6 +52,26 @@ def test_a_horn_that_is_missing_in_more_than_a_tenth_of_the_frames_is_dropped(fr
 
 def test_of_too_many_anchors_the_most_prominent_are_kept():
     assert sorted(lasting_horns(np.array([[1.2, 1.8, 1.2, 1.8, 1.8]]), most=3)) == [1, 3, 4]
+
+
+def test_a_pose_that_recurs_is_measured_once(monkeypatch):
+    V, F = bumpy_sphere(3, HORNS, AT_REST[0], WIDTHS)
+    jitter = 1e-5 * np.random.default_rng(0).normal(size=V.shape)
+    one_moved = V.copy()
+    one_moved[5] *= 1.001
+    frames = [V, one_moved, np.add(V, [30.0, 0.0, -7.0]), V + jitter, 1.01 * V, one_moved]
+    animation = MeshAnimation.from_arrays(np.stack(frames), F)
+    poses = RecurringPoses(animation)
+    assert [poses.first(t) for t in range(6)] == [0, 1, 0, 0, 4, 1]
+    # The first that is asked about stands for the others.
+    other = RecurringPoses(animation)
+    assert [other.first(t) for t in (3, 0, 5, 1)] == [3, 3, 5, 5]
+    measured = []
+    monkeypatch.setattr(
+        track.DetectInFrame, "__call__", lambda self, index: measured.append(index) or index
+    )
+    assert FrameAnchors(animation, 1).of(range(6)) == [0, 1, 0, 0, 4, 1]
+    assert measured == [0, 1, 4]
 
 
 def kept(d) -> ScratchFile:

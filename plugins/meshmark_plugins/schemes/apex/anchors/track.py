@@ -32,12 +32,15 @@ SAME_ANCHOR_DISTANCE = 0.05
 # A tip nearer than this to a border, in root areas, would be one of the border's, which a crop
 # moves.
 MIN_BORDER_DISTANCE = 0.02
+# Poses are the same whose points differ by no more, as a share of their size: a hundredth of a bin,
+# or less. Points that are compared first.
+SAME_POSE, FEW_POINTS = 1e-4, 64
 # Iterations of smoothing after which an anchor must be detected again.
 TRIAL_SMOOTHING_ITERATIONS = 10
 
 
 class FrameAnchors:
-    """The anchors detected in frames of an animation, in each frame once.
+    """The anchors detected in frames of an animation, in each pose once.
 
     Parameters
     ----------
@@ -50,6 +53,7 @@ class FrameAnchors:
     def __init__(self, animation: MeshAnimation, jobs: int) -> None:
         self.animation, self.jobs = animation, jobs
         self._detected: dict[int, tuple[IntArray, FloatArray]] = {}
+        self._poses = RecurringPoses(animation)
 
     @cached_property
     def proxies(self) -> Proxies:
@@ -59,10 +63,50 @@ class FrameAnchors:
 
     def of(self, frames: Sequence[int]) -> list[tuple[IntArray, FloatArray]]:
         """Return vertices and persistence of the anchors of some frames, maybe none."""
-        new = [t for t in frames if t not in self._detected]
+        poses = [self._poses.first(t) for t in frames]
+        new = sorted(set(poses) - set(self._detected))
         found = ordered_map(DetectInFrame(self.animation, self.proxies), new, jobs=self.jobs)
         self._detected.update(zip(new, found, strict=True))
-        return [self._detected[t] for t in frames]
+        return [self._detected[t] for t in poses]
+
+
+class RecurringPoses:
+    """Tells which frames show a pose that was seen before, as cycles and held poses do.
+
+    Parameters
+    ----------
+    animation : MeshAnimation
+        Of one topology.
+    """
+
+    def __init__(self, animation: MeshAnimation) -> None:
+        self._animation = animation
+        self._first: dict[int, int] = {}
+        # Few points tell most poses apart.
+        self._few: dict[int, FloatArray] = {}
+
+    def first(self, index: int) -> int:
+        """Return the first frame asked about that shows the pose of frame `index`, wherever it is.
+
+        Its points lie at most `SAME_POSE` of the pose's size elsewhere.
+        """
+        if index not in self._first:
+            P = self._centred(index)
+            near = SAME_POSE * float(np.ptp(P, axis=0).max())
+            few = P[:: max(1, len(P) // FEW_POINTS)].copy()
+            same = (
+                t
+                for t, other in self._few.items()
+                if np.abs(few - other).max() <= near and np.abs(P - self._centred(t)).max() <= near
+            )
+            self._first[index] = next(same, index)
+            if self._first[index] == index:
+                self._few[index] = few
+        return self._first[index]
+
+    def _centred(self, index: int) -> FloatArray:
+        P = self._animation[index].points
+        return P - P.mean(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
