@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmark.arrays import BoolArray, FloatArray, IntArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compile_loop
 from meshmark.statistics.sieve import LANES, TINY, Octets, Steps
 from meshmark.statistics.word_windows import WINDOW_SIZE
@@ -165,28 +165,29 @@ def _list_lanes(
 
 @compile_loop
 def in_steps(
-    S: FloatArray, known: BoolArray, scale: float, levels: FloatArray
+    S: FloatArray, scale: float, levels: FloatArray
 ) -> tuple[Steps, FloatArray, FloatArray, FloatArray]:
     """Round evidence to whole steps, and sum over chips what bounds are made of."""
     R, C, K = S.shape
     T = levels.shape[1]
-    steps, size, rounding = np.zeros((K, R, C), np.int16), np.zeros((R, C)), np.zeros((R, C))
-    log_null, sums = np.zeros((T, R, C)), np.empty(T)
+    steps = np.zeros((C, (K + 7) // 8 * 8, R), np.int16)
+    size, rounding, log_null = np.zeros((C, R)), np.zeros((C, R)), np.zeros((C, T, R))
+    sums = np.empty(T)
     for r in range(R):
         for c in range(C):
             for t in range(T):
                 sums[t] = 0.0
             for k in range(K):
-                exact = scale * (S[r, c, k] if known[r, c] else 0.0)
+                exact = scale * S[r, c, k]
                 step = np.rint(exact)
-                steps[k, r, c] = np.int16(step)
-                size[r, c] += abs(step)
-                rounding[r, c] += abs(exact - step)
+                steps[c, k, r] = np.int16(step)
+                size[c, r] += abs(step)
+                rounding[c, r] += abs(exact - step)
                 below = int(np.floor(abs(exact) + TINY))
                 for t in range(T):
                     sums[t] += levels[below, t]
             for t in range(T):
-                log_null[t, r, c] = sums[t]
+                log_null[c, t, r] = sums[t]
     return steps, size, rounding, log_null
 
 

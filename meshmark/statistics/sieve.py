@@ -123,8 +123,8 @@ class Sieve:
         S = part.item.S[hypotheses]
         bits = np.unpackbits(octets[keys[:, None, None], first], axis=-1, count=S.shape[-1])
         score = np.einsum("nck,ncwk->ncw", S, 2.0 * bits - 1.0)
-        log_e = TILTS[:, None, None] * score.max(axis=-1) - part.log_null[:, hypotheses]
-        bounds = np.maximum(log_e, 0.0).sum(axis=-1).max(axis=0) + LOG_WEIGHT
+        log_e = TILTS[:, None] * score.max(axis=-1).T[:, None] - part.log_null[..., hypotheses]
+        bounds = np.maximum(log_e, 0.0).sum(axis=0).max(axis=0) + LOG_WEIGHT
         needed = self._least - ROUNDING - part.item.log_prior[hypotheses]
         near = np.flatnonzero(bounds >= needed)
         if len(near):
@@ -140,7 +140,7 @@ class Sieve:
         used, at = np.unique(hypotheses, return_inverse=True)
         posterior = part.item.posterior
         some = WordPosterior(posterior.position[used], posterior.p_null).windows(self._n_words)
-        e = e_values(score[:, None], part.log_null[:, hypotheses].swapaxes(0, 1), TILTS)
+        e = e_values(score[:, None], part.log_null[..., hypotheses].T, TILTS)
         bounds = some.approximate_log_mean(e[:, None], at[:, None])[:, :, 0].max(axis=-1)
         sums = assignment_sums if self._loops is None else self._loops.assignment_sums
         total = [sums(some.first, prior, some.p_null) for prior in some.prior]
@@ -155,14 +155,16 @@ class _Part:
     Parameters
     ----------
     item : Screened
+        Hypotheses whose windows begin alike come together, carriers that say most come first; of
+        those whose position is not known, nothing is left.
     first : (R, C) int
-        Where windows begin, of all hypotheses.
-    log_null : (T, R, C) float64
+        Where windows begin.
+    log_null : (C, T, R) float64
         Sum of log cosh of tilt times evidence, or less.
     hypotheses : (H,) int
         Which of them stand in blocks, in that order.
     steps : (G, C, 8 B, L) int16
-        Evidence, carriers that can say most first.
+        Evidence.
     windows : (G, C, 2) int
         First word of the windows of any hypothesis of a block, and the first behind them.
     zeros : (G, C, J, L) int16
@@ -182,49 +184,44 @@ class _Part:
 
     @classmethod
     def of(cls, item: Screened, first: IntArray, least: float, loops: ModuleType | None) -> _Part:
-        _, C, K = item.S.shape
-        scale = min(STEPS, LARGEST_SUM / (C * K) - 1.0)
+        c = np.argsort(-np.abs(item.S).sum(axis=(0, 2)), kind="stable")
+        r = np.lexsort(first.T)
+        rc = r[:, None], c
+        first, position = first[rc], item.posterior.position[rc]
+        S = np.where(np.isfinite(position)[..., None], item.S[rc], 0.0)
+        item = Screened(S, item.log_prior[r], WordPosterior(position, item.posterior.p_null[c]))
+        scale = min(STEPS, LARGEST_SUM / S[0].size - 1.0)
         levels = log_cosh(np.arange(int(scale) + 1)[:, None] / scale * TILTS)
         sums = in_steps if loops is None else loops.in_steps
-        known = np.isfinite(item.posterior.position)
-        S = np.require(item.S, np.float64, ["C", "W"])
-        steps, size, rounding, log_null = sums(S, known, scale, levels)
+        steps, size, rounding, log_null = sums(S, scale, levels)
         unit = (scale / TILTS)[:, None]
-        zeros = np.floor(log_null * unit[..., None] - rounding + TINY)
-        most = np.maximum(size - zeros, 0.0)
+        zeros = np.floor(log_null * unit - rounding[:, None] + TINY)
+        most = np.maximum(size[:, None] - zeros, 0.0)
         wanted = unit * (least - LOG_WEIGHT - ROUNDING - item.log_prior)
-        matters = most.sum(axis=2) >= wanted
-        r, j = np.flatnonzero(matters.any(axis=0)), np.flatnonzero(matters.any(axis=1))
-        # Those whose windows begin alike come together.
-        r = r[np.lexsort(first[r].T)]
-        c = np.argsort(-size[r].sum(axis=0), kind="stable")
-        jrc = np.ix_(j, r, c)
-        most = most[jrc]
-        needed = wanted[j][:, r, None] - most.sum(axis=2, keepdims=True) + most.cumsum(axis=2)
-        begins = _in_blocks(first[r][None, :, c], None)[:, :, 0].astype(np.int64)
-        chips = np.zeros((-(-K // 8) * 8, len(r), C), np.int16)
-        chips[:K] = steps[:, r[:, None], c]
+        matters = most.sum(axis=0) >= wanted
+        kept, j = np.flatnonzero(matters.any(axis=0)), np.flatnonzero(matters.any(axis=1))
+        most = most[:, j]
+        needed = wanted[j] - most.sum(axis=0) + most.cumsum(axis=0)
+        begins = _in_blocks(first.T[:, None], kept, None)[:, :, 0].astype(np.int64)
         return cls(
             item,
             first,
             log_null,
-            r,
-            _in_blocks(chips),
+            kept,
+            _in_blocks(steps, kept),
             np.stack([begins.min(axis=-1), begins.max(axis=-1) + WINDOW_SIZE], axis=-1),
-            _in_blocks(zeros[jrc]),
-            _in_blocks(np.clip(np.ceil(needed), -_NEVER, _NEVER), _NEVER),
+            _in_blocks(zeros[:, j], kept),
+            _in_blocks(np.clip(np.ceil(needed), -_NEVER, _NEVER), kept, _NEVER),
         )
 
 
 def in_steps(
-    S: FloatArray, known: BoolArray, scale: float, levels: FloatArray
+    S: FloatArray, scale: float, levels: FloatArray
 ) -> tuple[Steps, FloatArray, FloatArray, FloatArray]:
     """Round evidence (R, C, K) to whole steps, and sum over chips what bounds are made of.
 
     Parameters
     ----------
-    known : (R, C) bool
-        Whether a carrier's position is known; else it says nothing.
     scale : float
         Steps from 0 to 1.
     levels : (V, T) float64
@@ -232,28 +229,36 @@ def in_steps(
 
     Returns
     -------
-    steps : (K, R, C) int16
-    size, rounding : (R, C) float64
+    steps : (C, 8 B, R) int16
+        Chips are filled up to whole bytes.
+    size, rounding : (C, R) float64
         Sums of magnitudes, and of what they were rounded by, in steps.
-    log_null : (T, R, C) float64
+    log_null : (C, T, R) float64
         Sums of log cosh of tilts times evidence, rounded down to whole steps.
     """
-    exact = scale * np.where(known, S.transpose(2, 0, 1), 0.0)
-    steps, magnitude = np.rint(exact), np.abs(exact)
+    R, C, K = S.shape
+    exact = scale * S.transpose(1, 2, 0)
+    rounded, magnitude = np.rint(exact), np.abs(exact)
     below = np.floor(magnitude + TINY).astype(np.int64)
-    log_null = np.array([of_tilt[below].sum(axis=0) for of_tilt in levels.T])
-    size, rounding = np.abs(steps).sum(axis=0), np.abs(exact - steps).sum(axis=0)
-    return steps.astype(np.int16), size, rounding, log_null
+    log_null = np.stack([of_tilt[below].sum(axis=1) for of_tilt in levels.T], axis=1)
+    size, rounding = np.abs(rounded).sum(axis=1), np.abs(exact - rounded).sum(axis=1)
+    steps = np.zeros((C, -(-K // 8) * 8, R), np.int16)
+    steps[:, :K] = rounded
+    return steps, size, rounding, log_null
 
 
-def _in_blocks(numbers: NDArray[Any], rest: int | None = 0) -> Steps:
-    """Put numbers (X, R, C) into blocks (G, C, X, L), filled up with the rest, or the last."""
-    X, R, C = numbers.shape
-    G = -(-R // LANES)
-    filled = numbers[:, np.minimum(np.arange(G * LANES), R - 1)].astype(np.int16)
-    if rest is not None:
-        filled[:, R:] = rest
-    return np.ascontiguousarray(filled.reshape(X, G, LANES, C).transpose(1, 3, 0, 2))
+def _in_blocks(numbers: NDArray[Any], kept: IntArray, rest: int | None = 0) -> Steps:
+    """Put some of R numbers (C, X, R) into blocks (G, C, X, L).
+
+    The last block is filled up with the rest, or the last number.
+    """
+    C, X, R = numbers.shape
+    n, G = len(kept), -(-len(kept) // LANES)
+    some = numbers if n == R else numbers[..., kept]
+    filled = np.empty((C, X, G * LANES), np.int16)
+    filled[..., :n] = some
+    filled[..., n:] = some[..., -1:] if rest is None else rest
+    return np.ascontiguousarray(filled.reshape(C, X, G, LANES).transpose(2, 0, 1, 3))
 
 
 def reached(

@@ -86,9 +86,8 @@ def test_what_bounds_are_made_of_is_the_same_in_loops(items, scale, seed) -> Non
     loops = load_loops(sieve.LOOPS)
     levels = np.random.default_rng(seed).random((int(scale) + 1, 8))
     for item in items:
-        known = np.isfinite(item.posterior.position)
-        found = loops.in_steps(item.S, known, scale, levels)
-        wanted = sieve.in_steps(item.S, known, scale, levels)
+        found = loops.in_steps(item.S, scale, levels)
+        wanted = sieve.in_steps(item.S, scale, levels)
         np.testing.assert_array_equal(found[0], wanted[0])
         for one, other in zip(found, wanted, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12)
