@@ -15,7 +15,6 @@ from meshmark.kernels import compile_loop
 from meshmark.statistics.sieve import LANES, TINY, Octets, Steps
 from meshmark.statistics.word_windows import WINDOW_SIZE
 
-_LOW = np.int16(np.iinfo(np.int16).min)
 # Bytes that a processor reads at once.
 LINE = 64
 
@@ -107,11 +106,14 @@ def _find_best_scores(
     table: Steps, octets: Octets, i: int, begin: int, end: int, best: Steps
 ) -> None:
     """Take the best score of some words of a key (n, U, 2), two of them at a time."""
+    odd = (end - begin) % 2
+    k = begin + 1 - odd
+    p, q, r, s = octets[i, begin, 0], octets[i, begin, 1], octets[i, k, 0], octets[i, k, 1]
     for lane in range(LANES):
-        best[lane] = _LOW
-    for m in range(begin, end, 2):
-        k = min(m + 1, end - 1)
-        p, q, r, s = octets[i, m, 0], octets[i, m, 1], octets[i, k, 0], octets[i, k, 1]
+        one = np.int16(table[0, p, lane] + table[1, q, lane])
+        best[lane] = max(one, np.int16(table[0, r, lane] + table[1, s, lane]))
+    for m in range(begin + 2 - odd, end, 2):
+        p, q, r, s = octets[i, m, 0], octets[i, m, 1], octets[i, m + 1, 0], octets[i, m + 1, 1]
         for lane in range(LANES):
             one = np.int16(table[0, p, lane] + table[1, q, lane])
             other = np.int16(table[0, r, lane] + table[1, s, lane])
