@@ -230,7 +230,8 @@ def limit_mrms(
         mean, known = _mean_mrms(plan, animation, max_mrms, jobs)
         if mean <= max_mrms:
             return replace(plan, known=known)
-        plan = replace(plan, scale=plan.scale * MRMS_AIM * max_mrms / mean)
+        scale = plan.scale * MRMS_AIM * max_mrms / mean
+        plan = replace(plan, scale=scale, known={})
 
 
 def _mean_mrms(
