@@ -50,6 +50,8 @@ def test_random_keys_are_left_out() -> None:
     assert np.flatnonzero(passed).tolist() == [123]
 
 
+# The loops are compiled for it.
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(
     R=st.integers(1, 2 * LANES + 1),
