@@ -17,22 +17,21 @@ import numpy as np
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Where loops are that stand in for functions on meshes.
-MESH_LOOPS = "meshmark.mesh.loops"
 _importing = Lock()
 
 
 def compiled(twin: Callable[P, R]) -> Callable[P, R]:
-    """Let the loop of the same name in `meshmark.mesh.loops` do what a function does.
+    """Let the loop of the same name, in `loops.py` beside a function's module, do what it does.
 
     The function itself, written in numpy, says what the loop does. It does so where numba is
     missing, and tests compare the two; it is kept as `__wrapped__`. Arguments are given by
     position: arrays, floats and ints.
     """
+    beside = twin.__module__.rpartition(".")[0] + ".loops"
 
     @wraps(twin)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        loops = load_loops(MESH_LOOPS)
+        loops = load_loops(beside)
         if loops is None:
             return twin(*args, **kwargs)
         return getattr(loops, twin.__name__)(*map(plain, args), **kwargs)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import load_loops, plain
 from meshmark.mesh.factors import elimination_order
 
-HEAT_LOOPS = "meshmark.mesh.heat_loops"
+DELAUNAY_LOOPS, FACTOR_LOOPS = "meshmark.mesh.delaunay_loops", "meshmark.mesh.factor_loops"
 
 # What is added to the Laplacian, in masses, so that it can be inverted.
 POISSON_SHIFT = 1e-7
@@ -54,10 +53,7 @@ class HeatTopology:
         RuntimeError
             If the pose is too degenerate.
         """
-        loops = load_loops(HEAT_LOOPS)
-        if loops is None:
-            raise RuntimeError("no numba")
-        return HeatDistances(loops, self, plain(V), diffusion, in_sides)
+        return HeatDistances(self, plain(V), diffusion, in_sides)
 
 
 class HeatDistances:
@@ -88,33 +84,36 @@ class HeatDistances:
 
     def __init__(
         self,
-        loops: ModuleType,
         topology: HeatTopology,
         V: FloatArray,
         diffusion: float,
         in_sides: bool,
     ) -> None:
-        self._loops, self.n_points = loops, len(V)
-        F, side = loops.delaunay(topology.F, V, topology.twins)
+        triangles, factor = load_loops(DELAUNAY_LOOPS), load_loops(FACTOR_LOOPS)
+        if triangles is None or factor is None:
+            raise RuntimeError("no numba")
+        self.n_points = len(V)
+        F, side = triangles.delaunay(topology.F, V, topology.twins)
         self._triangles = F, side
-        self._place = loops.lifted_places(F, topology.place, topology.parent, topology.first)
+        self._place = factor.lifted_places(F, topology.place, topology.parent, topology.first)
         time = (diffusion * side.mean() if in_sides else diffusion) ** 2
-        start, rows, values, diagonal, areas = loops.laplacian(F, side, self._place)
-        parent, self._filled = loops.elimination_tree(start, rows)
+        start, rows, values, diagonal, areas = triangles.laplacian(F, side, self._place)
+        parent, self._filled = factor.elimination_tree(start, rows)
         diagonals = np.stack([areas + time * diagonal, diagonal + POISSON_SHIFT * areas])
         scales = np.array([time, 1.0])
-        self._rows, self._L, self._D = loops.factors(
+        self._rows, self._L, self._D = factor.factors(
             start, rows, values, diagonals, scales, parent, self._filled
         )
         if not np.all(self._D > 0.0):
             raise RuntimeError("a matrix is not positive definite")
+        self._descent, self._solved = triangles.descent, factor.solve
 
     def from_sources(self, heat: FloatArray) -> FloatArray:
         """Measure distances from where heat (S, N) is, up to a constant, (S, N)."""
         X = np.zeros(heat.T.shape)
         X[self._place] = heat.T
         self._solve(0, X)
-        X = self._loops.descent(*self._triangles, self._place, X)
+        X = self._descent(*self._triangles, self._place, X)
         self._solve(1, X)
         return np.ascontiguousarray(X[self._place].T)
 
@@ -125,7 +124,7 @@ class HeatDistances:
         return self.from_sources(heat)
 
     def _solve(self, which: int, X: FloatArray) -> None:
-        self._loops.solve(self._filled, self._rows, self._L[which], self._D[which], X)
+        self._solved(self._filled, self._rows, self._L[which], self._D[which], X)
 
 
 def heat_topology(V: FloatArray, F: IntArray) -> HeatTopology | None:
@@ -137,15 +136,16 @@ def heat_topology(V: FloatArray, F: IntArray) -> HeatTopology | None:
         None where numba is missing, or where more than two triangles have a side in common or some
         are turned the other way.
     """
-    loops, twins = load_loops(HEAT_LOOPS), side_twins(F)
-    if loops is None or twins is None:
+    triangles, factor = load_loops(DELAUNAY_LOOPS), load_loops(FACTOR_LOOPS)
+    twins = side_twins(F)
+    if triangles is None or factor is None or twins is None:
         return None
     F, n = plain(F), len(V)
-    delaunay, side = loops.delaunay(F, plain(V), twins)
+    delaunay, side = triangles.delaunay(F, plain(V), twins)
     place = np.argsort(elimination_order(delaunay, n))
-    start, rows, *_ = loops.laplacian(delaunay, side, place)
-    parent, _ = loops.elimination_tree(start, rows)
-    number = loops.post_order(parent)
+    start, rows, *_ = triangles.laplacian(delaunay, side, place)
+    parent, _ = factor.elimination_tree(start, rows)
+    number = factor.post_order(parent)
     ordered = np.full(n, -1)
     ordered[number] = np.where(parent >= 0, number[parent], -1)
     return HeatTopology(F, twins, number[place], ordered, _first_descendants(ordered))

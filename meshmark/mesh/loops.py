@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import compile_loop
-from meshmark.mesh.geometry import FLAT, TINY
+from meshmark.mesh.geometry import FLAT
 
 
 @compile_loop
@@ -77,7 +77,7 @@ def fitted_gradients(
         ux, uy, uz = image[0, 0], image[0, 1], image[0, 2]
         vx, vy, vz = image[1, 0], image[1, 1], image[1, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        area = _length(nx, ny, nz)
+        area = norm(nx, ny, nz)
         size = np.sqrt(area) if area > 0.0 else 1.0
         image[2, 0], image[2, 1], image[2, 2] = nx / size, ny / size, nz / size
         for x in range(3):
@@ -117,104 +117,16 @@ def tilted_corners(
             v = F[f, k]
             for x in range(3):
                 X[k, x] = V[v, x] + share[v] * (moved[v, x] - V[v, x])
-        px, py, pz = _normal(V, a, b, c)
-        qx, qy, qz = _normal(X, 0, 1, 2)
-        size = _length(px, py, pz) * _length(qx, qy, qz)
+        px, py, pz = area_normal(V, a, b, c)
+        qx, qy, qz = area_normal(X, 0, 1, 2)
+        size = norm(px, py, pz) * norm(qx, qy, qz)
         if px * qx + py * qy + pz * qz < least_cosine * size:
             offending[a] = offending[b] = offending[c] = True
     return offending
 
 
 @compile_loop
-def growth_directions(V: FloatArray, F: IntArray, H: FloatArray) -> FloatArray:
-    """Do what the function in the gradients of `apex` does."""
-    n, n_fields = len(V), len(H)
-    directions, about = np.zeros((n_fields, n, 3)), np.zeros(n)
-    for f in range(len(F)):
-        a, b, c = F[f, 0], F[f, 1], F[f, 2]
-        nx, ny, nz = _normal(V, a, b, c)
-        length = _length(nx, ny, nz)
-        area = 0.5 * length
-        for corner in (a, b, c):
-            about[corner] += area
-        # `normalized` knows no direction of anything as short as this.
-        if not area > TINY:
-            continue
-        nx, ny, nz = nx / length, ny / length, nz / length
-        for m in range(n_fields):
-            # The gradient of a linear function, times an area: n x sum of its values times sides.
-            ha, hb, hc = H[m, a], H[m, b], H[m, c]
-            ex = ha * (V[c, 0] - V[b, 0]) + hb * (V[a, 0] - V[c, 0]) + hc * (V[b, 0] - V[a, 0])
-            ey = ha * (V[c, 1] - V[b, 1]) + hb * (V[a, 1] - V[c, 1]) + hc * (V[b, 1] - V[a, 1])
-            ez = ha * (V[c, 2] - V[b, 2]) + hb * (V[a, 2] - V[c, 2]) + hc * (V[b, 2] - V[a, 2])
-            gx, gy, gz = ny * ez - nz * ey, nz * ex - nx * ez, nx * ey - ny * ex
-            steepness = _length(gx, gy, gz)
-            if not steepness > TINY:
-                continue
-            share = area / steepness
-            for corner in (a, b, c):
-                directions[m, corner, 0] += share * gx
-                directions[m, corner, 1] += share * gy
-                directions[m, corner, 2] += share * gz
-    for m in range(n_fields):
-        for v in range(n):
-            for x in range(3):
-                directions[m, v, x] /= max(about[v], 1e-300)
-    return directions
-
-
-@compile_loop
-def both_spreads(V: FloatArray, F: IntArray, edges: IntArray, edge_at: IntArray) -> FloatArray:
-    """Do what the function for the cost of sliding of `apex` does."""
-    n, n_edges = len(V), len(edges)
-    sums, about = np.zeros((n, 3, 3)), np.zeros(n)
-    outward, share = np.zeros((n_edges, 3)), np.zeros(n_edges)
-    for f in range(len(F)):
-        nx, ny, nz = _normal(V, F[f, 0], F[f, 1], F[f, 2])
-        length = _length(nx, ny, nz)
-        area = 0.5 * length
-        size = length if area > TINY else np.inf
-        nx, ny, nz = nx / size, ny / size, nz / size
-        for k in range(3):
-            v, ahead, e = F[f, k], F[f, (k + 1) % 3], edge_at[3 * f + k]
-            about[v] += area
-            _add_square(sums, v, area, nx, ny, nz)
-            x, y, z = V[ahead, 0] - V[v, 0], V[ahead, 1] - V[v, 1], V[ahead, 2] - V[v, 2]
-            way = _length(x, y, z)
-            way = way if way > TINY else np.inf
-            x, y, z = x / way, y / way, z / way
-            outward[e, 0] += y * nz - z * ny
-            outward[e, 1] += z * nx - x * nz
-            outward[e, 2] += x * ny - y * nx
-            # A third of a triangle's area belongs to each of its edges.
-            share[e] += area / 3.0
-    for e in range(n_edges):
-        for k in range(2):
-            v = edges[e, k]
-            _add_square(sums, v, share[e], outward[e, 0], outward[e, 1], outward[e, 2])
-    for v in range(n):
-        for x in range(3):
-            for y in range(3):
-                sums[v, x, y] /= max(about[v], 1e-300)
-    return sums
-
-
-@compile_loop
-def _add_square(sums: FloatArray, v: int, weight: float, x: float, y: float, z: float) -> None:
-    """Add the weighted outer product of a vector with itself to the sum of a vertex."""
-    sums[v, 0, 0] += weight * x * x
-    sums[v, 0, 1] += weight * x * y
-    sums[v, 0, 2] += weight * x * z
-    sums[v, 1, 0] += weight * y * x
-    sums[v, 1, 1] += weight * y * y
-    sums[v, 1, 2] += weight * y * z
-    sums[v, 2, 0] += weight * z * x
-    sums[v, 2, 1] += weight * z * y
-    sums[v, 2, 2] += weight * z * z
-
-
-@compile_loop
-def _normal(V: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
+def area_normal(V: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
     """Compute the normal of a triangle, as long as twice its area."""
     ux, uy, uz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
     vx, vy, vz = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
@@ -222,78 +134,6 @@ def _normal(V: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]
 
 
 @compile_loop
-def _length(x: float, y: float, z: float) -> float:
+def norm(x: float, y: float, z: float) -> float:
+    """Compute the length of a vector."""
     return np.sqrt(x * x + y * y + z * z)
-
-
-@compile_loop
-def fitting_offsets(
-    V: FloatArray,
-    F: IntArray,
-    normals: FloatArray,
-    weight: FloatArray,
-    samples: FloatArray,
-    P: FloatArray,
-    M: FloatArray,
-    damping: float,
-    iterations: int,
-    tolerance: float,
-) -> FloatArray:
-    """Do what the function for fitting surfaces of `apex` does."""
-    n, n_samples = len(V), len(samples)
-    # What each face adds to the normal equations.
-    blocks, b = np.zeros((len(F), 3, 3)), np.zeros(n)
-    diagonal = np.zeros(n)
-    rate, total = np.empty(3), 0.0
-    for f in range(len(F)):
-        for s in range(n_samples):
-            off = 0.0
-            rate[:] = 0.0
-            for x in range(3):
-                place = 0.0
-                for k in range(3):
-                    place += samples[s, k] * V[F[f, k], x]
-                    rate[k] += samples[s, k] * normals[F[f, k], x] * M[f, s, x]
-                off += (P[f, s, x] - place) * M[f, s, x]
-            for k in range(3):
-                b[F[f, k]] += weight[f] * off * rate[k]
-                for j in range(3):
-                    blocks[f, k, j] += weight[f] * rate[k] * rate[j]
-        for k in range(3):
-            for j in range(3):
-                if F[f, j] == F[f, k]:
-                    diagonal[F[f, k]] += blocks[f, k, j]
-    for v in range(n):
-        total += diagonal[v]
-    stay = np.empty(n)
-    for v in range(n):
-        stay[v] = damping * (diagonal[v] + 1e-3 * total / n)
-        diagonal[v] += stay[v]
-    # Preconditioned conjugate gradients, from 0.
-    offsets, r, z, p, Ap = np.zeros(n), b, np.empty(n), np.zeros(n), np.empty(n)
-    before, enough = np.inf, 0.0
-    for turn in range(iterations + 1):
-        rz = 0.0
-        for v in range(n):
-            z[v] = r[v] / diagonal[v]
-            rz += r[v] * z[v]
-        if turn == 0:
-            enough = tolerance * tolerance * rz
-        if rz <= enough or turn == iterations:
-            break
-        for v in range(n):
-            p[v] = z[v] + rz / before * p[v]
-            Ap[v] = stay[v] * p[v]
-        for f in range(len(F)):
-            i, j, k = F[f, 0], F[f, 1], F[f, 2]
-            for corner in range(3):
-                row = blocks[f, corner]
-                Ap[F[f, corner]] += row[0] * p[i] + row[1] * p[j] + row[2] * p[k]
-        curvature = 0.0
-        for v in range(n):
-            curvature += p[v] * Ap[v]
-        for v in range(n):
-            offsets[v] += rz / curvature * p[v]
-            r[v] -= rz / curvature * Ap[v]
-        before = rz
-    return offsets

@@ -67,8 +67,7 @@ def test_slivers_and_triangles_without_area_are_no_obstacle():
 
 
 def triangulation(V, F):
-    loops = kernels.load_loops(heat_distances.HEAT_LOOPS)
-    return loops.delaunay(F, V, side_twins(F))
+    return kernels.load_loops(heat_distances.DELAUNAY_LOOPS).delaunay(F, V, side_twins(F))
 
 
 def test_triangles_become_delaunay_and_keep_the_surface():
@@ -107,10 +106,11 @@ def test_triangles_become_delaunay_and_keep_the_surface():
 def test_both_matrices_are_factored_whatever_the_order():
     V, F = torus(20, 12)
     n = len(V)
-    loops = kernels.load_loops(heat_distances.HEAT_LOOPS)
+    triangles = kernels.load_loops(heat_distances.DELAUNAY_LOOPS)
+    loops = kernels.load_loops(heat_distances.FACTOR_LOOPS)
     T, side = triangulation(rough(V, 0.2), F)
     place = np.random.default_rng(0).permutation(n)
-    start, rows, values, diagonal, areas = loops.laplacian(T, side, place)
+    start, rows, values, diagonal, areas = triangles.laplacian(T, side, place)
     parent, filled = loops.elimination_tree(start, rows)
     shift = np.stack([areas + 0.04 * diagonal, diagonal + POISSON_SHIFT * areas])
     scales = np.array([0.04, 1.0])
@@ -167,7 +167,7 @@ def test_without_numba_there_is_none(monkeypatch):
 
 def test_the_same_laplacian_as_of_the_mesh_where_nothing_is_flipped():
     V, F = icosphere(2)
-    loops = kernels.load_loops(heat_distances.HEAT_LOOPS)
+    loops = kernels.load_loops(heat_distances.DELAUNAY_LOOPS)
     T, side = triangulation(V, F)
     np.testing.assert_array_equal(T, F)
     n = len(V)

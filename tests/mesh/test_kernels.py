@@ -32,6 +32,9 @@ TWINS = [
     gradients.growth_directions,
     sliding.both_spreads,
 ]
+MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.marking.loops"
+# What loops have in common.
+SHARED = {"area_normal", "norm"}
 TOLERANCE = 1e-12
 
 
@@ -137,11 +140,11 @@ def test_spreads(crumpled):
 
 def test_each_loop_has_a_twin_of_the_same_parameters():
     """A loop that no function uses would not be tested; one with others would go wrong."""
-    loops = kernels.load_loops(kernels.MESH_LOOPS)
     public = {
         name: loop
+        for loops in map(kernels.load_loops, (MESH_LOOPS, APEX_LOOPS))
         for name, loop in vars(loops).items()
-        if hasattr(loop, "py_func") and not name.startswith("_")
+        if hasattr(loop, "py_func") and not name.startswith("_") and name not in SHARED
     }
     assert set(public) == {twin.__name__ for twin in TWINS}
     for twin in TWINS:
@@ -158,7 +161,7 @@ def test_loops_are_compiled_once_whatever_arrays_they_get():
     for other in (fixed, np.asfortranarray(V), np.repeat(V, 2, axis=0)[::2]):
         found = gradients.growth_directions(other, F.astype(np.int32), H)
         np.testing.assert_array_equal(found, wanted)
-    assert len(kernels.load_loops(kernels.MESH_LOOPS).growth_directions.signatures) == 1
+    assert len(kernels.load_loops(APEX_LOOPS).growth_directions.signatures) == 1
 
 
 def test_without_numba_the_twins_work(monkeypatch):
@@ -168,12 +171,12 @@ def test_without_numba_the_twins_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba.core.config", None)
     kernels._load_loops.cache_clear()
     try:
-        assert kernels.load_loops(kernels.MESH_LOOPS) is None
+        assert kernels.load_loops(APEX_LOOPS) is None
         np.testing.assert_allclose(gradients.growth_directions(V, F, H), with_loops, atol=1e-14)
     finally:
         monkeypatch.undo()
         kernels._load_loops.cache_clear()
-    assert kernels.load_loops(kernels.MESH_LOOPS) is not None
+    assert kernels.load_loops(APEX_LOOPS) is not None
 
 
 def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch):
@@ -189,8 +192,8 @@ warnings.simplefilter("error")
 yaml = types.ModuleType("yaml")
 yaml.safe_load = lambda file: print("settings were read")
 {before}sys.modules["yaml"] = yaml
-from meshmark.kernels import MESH_LOOPS, load_loops
-loops = load_loops(MESH_LOOPS)
+from meshmark.kernels import load_loops
+loops = load_loops("meshmark.mesh.loops")
 sys.modules["yaml"] = yaml
 import numba
 numba.core.config.reload_config()
@@ -212,5 +215,5 @@ def test_no_settings_are_read_in_the_working_directory(tmp_path: Path, before: s
         check=False,
         timeout=100,
     )
-    assert done.stdout == f"True {kernels.MESH_LOOPS}\n", done.stderr
+    assert done.stdout == f"True {MESH_LOOPS}\n", done.stderr
     assert [path.name for path in tmp_path.iterdir()] == [".numba_config.yaml"]
