@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,14 @@ from meshmark.mesh.animation import MeshAnimation
 # How long an example takes says something of the machine, not of what is tested.
 settings.register_profile("meshmark", deadline=None)
 settings.load_profile("meshmark")
+
+
+# Commands in tests inherit what is ignored, and whoever runs tests in the background, or by nohup,
+# has signals ignored that some of the tests send.
+for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    _signal = getattr(signal, _name, None)
+    if _signal is not None and signal.getsignal(_signal) is signal.SIG_IGN:
+        signal.signal(_signal, _usual)
 
 
 # A distribution of its own; test_third_party_plugin.py installs it and runs its tests.
