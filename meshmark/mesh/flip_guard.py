@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.geometry import lengths
-from meshmark.mesh.topology import any_corner, edges
+from meshmark.mesh.topology import any_corner, edges, faces_about_vertices
 
 # Longest move of a vertex, in mean lengths of its own edges: a vertex that slid farther would
 # drag its texture visibly along.
@@ -76,11 +76,32 @@ def allowed_shares(
         length = lengths(moved - V)
         limit = reach * mean_edge_lengths(V, F)
         share = np.divide(limit, length, out=share, where=length > limit)
+    return shares_without_tilt(V, moved, F, *faces_about_vertices(F), share, least_cosine, ramp)
+
+
+@compiled
+def shares_without_tilt(
+    V: FloatArray,
+    moved: FloatArray,
+    F: IntArray,
+    start: IntArray,
+    about: IntArray,
+    share: FloatArray,
+    least_cosine: float,
+    ramp: float,
+) -> FloatArray:
+    """Lower shares of moves (N,) until no face tilts too far; see `allowed_shares`.
+
+    Parameters
+    ----------
+    start, about
+        The `faces_about_vertices`, along which the loop goes from one to the next.
+    """
     slopes: csr_matrix | None = None
     # Only faces about vertices whose share has changed can offend.
     changed = np.ones(len(V), dtype=bool)
     turn = 0
-    while (offending := tilted_corners(V, moved, F, share, changed, least_cosine)).any():
+    while (offending := _tilted_corners(V, moved, F, share, changed, least_cosine)).any():
         # Dropping a corner's move may tilt a neighbour that leaned on it: each turn drops more
         # vertices, and with none moved nothing offends.
         before, share = share, np.where(offending, 0.5 * share if turn < HALVINGS else 0.0, share)
@@ -92,8 +113,7 @@ def allowed_shares(
     return share
 
 
-@compiled
-def tilted_corners(
+def _tilted_corners(
     V: FloatArray,
     moved: FloatArray,
     F: IntArray,

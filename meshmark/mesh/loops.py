@@ -6,11 +6,16 @@ stand in for, say what they do.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import compile_loop
+from meshmark.mesh.flip_guard import HALVINGS, NO_SLOPE
 from meshmark.mesh.geometry import FLAT
+
+Point: TypeAlias = tuple[float, float, float]
 
 
 @compile_loop
@@ -91,45 +96,134 @@ def fitted_gradients(
 
 
 @compile_loop
-def tilted_corners(
+def shares_without_tilt(
     V: FloatArray,
     moved: FloatArray,
     F: IntArray,
+    start: IntArray,
+    about: IntArray,
     share: FloatArray,
-    changed: BoolArray,
     least_cosine: float,
-) -> BoolArray:
+    ramp: float,
+) -> FloatArray:
     """Do what the function in `meshmark.mesh.flip_guard` does."""
-    n = len(V)
-    moves, offending = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    n = len(start) - 1
+    share, length = share.copy(), np.empty(n)
     for v in range(n):
-        moves[v] = share[v] > 0.0 and (
-            V[v, 0] != moved[v, 0] or V[v, 1] != moved[v, 1] or V[v, 2] != moved[v, 2]
-        )
-    X = np.empty((3, 3))
-    for f in range(len(F)):
-        a, b, c = F[f, 0], F[f, 1], F[f, 2]
-        if not (changed[a] or changed[b] or changed[c]):
-            continue
-        if not (moves[a] or moves[b] or moves[c]):
-            continue
-        for k in range(3):
-            v = F[f, k]
-            for x in range(3):
-                X[k, x] = V[v, x] + share[v] * (moved[v, x] - V[v, x])
-        px, py, pz = area_normal(V, a, b, c)
-        qx, qy, qz = area_normal(X, 0, 1, 2)
-        size = norm(px, py, pz) * norm(qx, qy, qz)
-        if px * qx + py * qy + pz * qz < least_cosine * size:
-            offending[a] = offending[b] = offending[c] = True
-    return offending
+        length[v] = norm(moved[v, 0] - V[v, 0], moved[v, 1] - V[v, 1], moved[v, 2] - V[v, 2])
+    # A vertex is listed once: `turn_of` tells in which turn it offended last, or changed.
+    offending, offended = np.empty(n, np.int64), np.full(n, -1)
+    changed, turn_of = np.empty(n, np.int64), np.full(n, -1)
+    queue, waits = np.empty(n, np.int64), np.zeros(n, np.bool_)
+    n_changed, turn = 0, 0
+    while True:
+        n_offending = 0
+        if turn == 0:
+            for f in range(len(F)):
+                if _tilts(V, moved, F, f, share, length, least_cosine):
+                    n_offending = _list_corners(F, f, turn, offended, offending, n_offending)
+        for i in range(n_changed):
+            for h in range(start[changed[i]], start[changed[i] + 1]):
+                if _tilts(V, moved, F, about[h], share, length, least_cosine):
+                    f = about[h]
+                    n_offending = _list_corners(F, f, turn, offended, offending, n_offending)
+        if n_offending == 0:
+            return share
+        n_changed, n_waiting = 0, 0
+        if turn == 0:
+            # Those that go but a part of their way from the start hold their neighbours back, too.
+            for v in range(n):
+                if share[v] < 1.0 and offended[v] < turn:
+                    queue[n_waiting], waits[v] = v, True
+                    n_waiting += 1
+        for i in range(n_offending):
+            v = offending[i]
+            lower = 0.5 * share[v] if turn < HALVINGS else 0.0
+            if lower < share[v]:
+                share[v], turn_of[v], changed[n_changed] = lower, turn, v
+                n_changed += 1
+            queue[n_waiting], waits[v] = v, True
+            n_waiting += 1
+        first = 0
+        while ramp > 0.0 and n_waiting > 0:
+            v = queue[first]
+            first, n_waiting, waits[v] = (first + 1) % n, n_waiting - 1, False
+            for h in range(start[v], start[v + 1]):
+                for k in range(3):
+                    u = F[about[h], k]
+                    way = ramp * max(length[u], length[v])
+                    side = norm(V[u, 0] - V[v, 0], V[u, 1] - V[v, 1], V[u, 2] - V[v, 2])
+                    if u == v or not side < way:
+                        continue
+                    most = max(share[v], NO_SLOPE) + max(side / way, NO_SLOPE)
+                    if most >= share[u]:
+                        continue
+                    share[u] = most
+                    if turn_of[u] < turn:
+                        turn_of[u], changed[n_changed] = turn, u
+                        n_changed += 1
+                    if not waits[u]:
+                        queue[(first + n_waiting) % n], waits[u] = u, True
+                        n_waiting += 1
+        turn += 1
 
 
 @compile_loop
-def area_normal(V: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
+def _tilts(
+    V: FloatArray,
+    moved: FloatArray,
+    F: IntArray,
+    f: int,
+    share: FloatArray,
+    length: FloatArray,
+    least_cosine: float,
+) -> bool:
+    """Tell whether a face tilts too far if its corners go these shares of their ways."""
+    a, b, c = F[f, 0], F[f, 1], F[f, 2]
+    if not share[a] * length[a] + share[b] * length[b] + share[c] * length[c] > 0.0:
+        return False
+    px, py, pz = area_normal(V, a, b, c)
+    ax, ay, az = _part_of_way(V, moved, a, share[a])
+    bx, by, bz = _part_of_way(V, moved, b, share[b])
+    cx, cy, cz = _part_of_way(V, moved, c, share[c])
+    qx, qy, qz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+    size = norm(px, py, pz) * norm(qx, qy, qz)
+    return px * qx + py * qy + pz * qz < least_cosine * size
+
+
+@compile_loop
+def _part_of_way(V: FloatArray, moved: FloatArray, v: int, share: float) -> Point:
+    return (
+        V[v, 0] + share * (moved[v, 0] - V[v, 0]),
+        V[v, 1] + share * (moved[v, 1] - V[v, 1]),
+        V[v, 2] + share * (moved[v, 2] - V[v, 2]),
+    )
+
+
+@compile_loop
+def _list_corners(
+    F: IntArray, f: int, turn: int, listed: IntArray, corners: IntArray, count: int
+) -> int:
+    """List the corners of a face that were not listed in this turn; return how many there are."""
+    for k in range(3):
+        v = F[f, k]
+        if listed[v] < turn:
+            listed[v], corners[count] = turn, v
+            count += 1
+    return count
+
+
+@compile_loop
+def area_normal(V: FloatArray, a: int, b: int, c: int) -> Point:
     """Compute the normal of a triangle, as long as twice its area."""
     ux, uy, uz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
     vx, vy, vz = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
+    return cross(ux, uy, uz, vx, vy, vz)
+
+
+@compile_loop
+def cross(ux: float, uy: float, uz: float, vx: float, vy: float, vz: float) -> Point:
+    """Compute the cross product u x v."""
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 

@@ -142,6 +142,23 @@ def vertex_adjacency(F: IntArray, n_points: int) -> csr_matrix:
     return csr_matrix((np.ones(len(i)), (i, j)), shape=(n_points, n_points))
 
 
+@remembered
+def faces_about_vertices(F: IntArray) -> tuple[IntArray, IntArray]:
+    """List the triangles about each vertex, one after the other, in one list.
+
+    Returns
+    -------
+    start : (N + 1,) int
+        Where the triangles of each vertex begin, up to the last vertex that has one.
+    about : (3 F,) int
+        Triangles; one that has a vertex twice is listed twice.
+    """
+    corners = F.ravel()
+    start = np.concatenate([[0], np.cumsum(np.bincount(corners))])
+    about = np.argsort(corners, kind="stable") // 3
+    return read_only(start), read_only(about)
+
+
 def graph_components(pairs: IntArray, n: int) -> IntArray:
     """Label the connected components of a graph, (n,) int, in the order of their first nodes.
 

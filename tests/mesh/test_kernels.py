@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from meshmark import kernels
 from meshmark.mesh import closest_points, deformation, flip_guard
 from meshmark.mesh.geometry import edge_length
+from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex.marking import fit_to_surface, gradients, sliding
 
@@ -28,13 +29,13 @@ TWINS = [
     closest_points.closest_in_triangle,
     deformation.fitted_gradients,
     fit_to_surface.fitting_offsets,
-    flip_guard.tilted_corners,
+    flip_guard.shares_without_tilt,
     gradients.growth_directions,
     sliding.both_spreads,
 ]
 MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.marking.loops"
 # What loops have in common.
-SHARED = {"area_normal", "norm"}
+SHARED = {"area_normal", "cross", "norm"}
 TOLERANCE = 1e-12
 
 
@@ -113,14 +114,22 @@ def normalized_rows(X: np.ndarray) -> np.ndarray:
     return X / np.linalg.norm(X, axis=-1, keepdims=True)
 
 
-@given(crumpled_meshes(), st.floats(0.1, 2.0), st.sampled_from([0.25, 0.94]))
+@given(
+    crumpled_meshes(),
+    st.floats(0.1, 2.0),
+    st.sampled_from([0.25, 0.94]),
+    st.sampled_from([0.0, 0.5, 3.0]),
+)
 @settings(max_examples=30)
-def test_tilted_corners(crumpled, size, least_cosine):
+def test_shares_without_tilt(crumpled, size, least_cosine, ramp):
     V, F, rng = crumpled
+    # One vertex has no face.
+    V = np.concatenate([V, V[:1]])
     moved = V + size * edge_length(V, F) * rng.normal(size=V.shape)
     moved[: len(V) // 2] = V[: len(V) // 2]
-    share, changed = rng.choice([0.0, 0.5, 1.0], len(V)), rng.random(len(V)) < 0.5
-    agree(flip_guard.tilted_corners, V, moved, F, share, changed, least_cosine)
+    share = rng.choice([0.0, 0.5, 1.0], len(V), p=[0.05, 0.05, 0.9])
+    about = faces_about_vertices(F)
+    agree(flip_guard.shares_without_tilt, V, moved, F, *about, share, least_cosine, ramp)
 
 
 @given(crumpled_meshes())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +11,7 @@ from meshmark.mesh.topology import (
     edges,
     face_adjacency,
     face_components,
+    faces_about_vertices,
     triangulate,
     vertex_adjacency,
     vertex_components,
@@ -47,6 +50,11 @@ def test_face_adjacency_of_a_square() -> None:
     pairs, shared = face_adjacency(SQUARE)
     assert pairs.tolist() == [[0, 1]]
     assert shared.tolist() == [[0, 2]]
+
+
+def test_faces_about_vertices_of_a_square() -> None:
+    start, about = faces_about_vertices(SQUARE)
+    assert [about[i:j].tolist() for i, j in pairwise(start)] == [[0, 1], [0], [0, 1], [1]]
 
 
 def test_a_closed_surface_has_three_halves_of_its_faces_as_pairs() -> None:
