@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_matrix
 
 from meshmark import kernels
 from meshmark.mesh import closest_points, deformation, flip_guard
@@ -30,7 +31,10 @@ TWINS = [
     deformation.fitted_gradients,
     fit_to_surface.fitting_offsets,
     flip_guard.shares_without_tilt,
+    gradients.carried_changes,
+    gradients.chip_rates,
     gradients.growth_directions,
+    gradients.sampled_means,
     sliding.both_spreads,
 ]
 MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.marking.loops"
@@ -137,6 +141,49 @@ def test_shares_without_tilt(crumpled, size, least_cosine, ramp):
 def test_directions(crumpled):
     V, F, rng = crumpled
     agree(gradients.growth_directions, V, F, rng.normal(size=(3, len(V))))
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
+def test_changes_of_distances(crumpled):
+    V, _, rng = crumpled
+    directions, G = rng.normal(size=(2, *V.shape)), rng.normal(size=(*V.shape, 3))
+    changes = gradients.carried_changes
+    both = [find(directions, G, V, 0.7) for find in (changes, changes.__wrapped__)]
+    for found, wanted in zip(*both, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=TOLERANCE, atol=TOLERANCE)
+
+
+@given(crumpled_meshes(), st.integers(1, 6))
+@settings(max_examples=30)
+def test_means_over_surfaces(crumpled, n_bins):
+    V, F, rng = crumpled
+    areas, samples = rng.uniform(0.1, 1.0, len(F)), rng.dirichlet(np.ones(3), size=4)
+    H = np.abs(rng.normal(size=(3, len(V))))
+    agree(gradients.sampled_means, areas, F, H, samples, 0.4, n_bins)
+
+
+@given(crumpled_meshes(), st.integers(1, 6))
+@settings(max_examples=30)
+def test_chips_and_their_rates(crumpled, n_bins):
+    V, F, rng = crumpled
+    # A vertex in each triangle, some of them at its corners.
+    N, shares = len(F), rng.dirichlet(np.ones(3), size=len(F))
+    shares[::7] = [0.0, 1.0, 0.0]
+    H, slopes = 2.0 * rng.random(size=(3, len(V))), rng.normal(size=(3, *V.shape))
+    rows, weights = 3 * np.arange(N + 1), rng.uniform(0.1, 1.0, N)
+    arguments = (H, slopes, rows, F.ravel(), shares.ravel(), weights, 0.3, n_bins)
+    both = [find(*arguments) for find in (gradients.chip_rates, gradients.chip_rates.__wrapped__)]
+    matrices = [
+        csr_matrix((values, columns, start), shape=(3 * n_bins, V.size)).toarray()
+        for _, _, start, columns, values in both
+    ]
+    assert np.any(matrices[0])
+    for found, wanted in [*zip(*(each[:2] for each in both), strict=True), matrices]:
+        np.testing.assert_allclose(found, wanted, rtol=TOLERANCE, atol=TOLERANCE)
+    for _, _, _, columns, _ in both:
+        assert not np.any(columns[::3] % 3)
+        np.testing.assert_array_equal(columns, (columns[::3, None] + np.arange(3)).ravel())
 
 
 @given(crumpled_meshes())

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import FloatArray, Int32Array, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.geometry import (
     area_vectors,
@@ -43,14 +43,51 @@ def growth_directions(V: FloatArray, F: IntArray, H: FloatArray) -> FloatArray:
     return np.array(directions)
 
 
+@compiled
+def carried_changes(
+    directions: FloatArray, G: FloatArray, moves: FloatArray, length_scale: float
+) -> tuple[FloatArray, FloatArray]:
+    """Tell how distances change when vertices of the reference pose move.
+
+    Parameters
+    ----------
+    directions : (m, n, 3) float64
+        Directions in a pose along which distances grow.
+    G : (n, 3, 3) float64
+        Carry moves of the reference pose into this one.
+    moves : (n, 3) float64
+        Moves in this pose.
+    length_scale : float
+        Length in which distances are given.
+
+    Returns
+    -------
+    slopes : (m, n, 3) float64
+        Derivatives of distances by moves in the reference pose.
+    change : (m, n) float64
+        How far distances change by `moves`.
+    """
+    slopes = np.einsum("nxy,mnx->mny", G, directions, optimize=True) / length_scale
+    return slopes, np.einsum("mnx,nx->mn", directions, moves) / length_scale
+
+
 def surface_means(
     V: FloatArray, F: IntArray, H: FloatArray, width: float, n_bins: int
 ) -> FloatArray:
     """Mean of `chip_kernel` over the area in each bin, (m, K), from distances H (m, n)."""
-    areas = np.repeat(face_areas(V, F) / len(TRIANGLE_SAMPLES), len(TRIANGLE_SAMPLES))
+    areas = face_areas(V, F) / len(TRIANGLE_SAMPLES)
+    return sampled_means(areas, F, H, TRIANGLE_SAMPLES, float(width), n_bins)
+
+
+@compiled
+def sampled_means(
+    areas: FloatArray, F: IntArray, H: FloatArray, samples: FloatArray, width: float, n_bins: int
+) -> FloatArray:
+    """Do what `surface_means` does, at samples (s, 3) of triangles, each of an area (F,)."""
+    areas = np.repeat(areas, len(samples))
     means = []
     for row in H:
-        inside, k, u = _bins((row[F] @ TRIANGLE_SAMPLES.T).ravel(), width, n_bins)
+        inside, k, u = _bins((row[F] @ samples.T).ravel(), width, n_bins)
         means.append(_means(k, areas[inside], chip_kernel(u), n_bins))
     return np.array(means)
 
@@ -87,9 +124,47 @@ def vertex_chips(
     counts : (m, K) float64
         Effective number of vertices, as of `measure_chips`.
     J : (m K, 3 n) sparse float64
-        Derivatives of the means.
+        Derivatives of the means. The entries of a row come in threes, of the columns 3 v, 3 v + 1
+        and 3 v + 2 of one vertex after another.
     """
-    means, counts, rows = [], [], []
+    P = prolongation
+    means, counts, start, columns, values = chip_rates(
+        H, slopes, P.indptr, P.indices, P.data, weights, float(width), n_bins
+    )
+    shape = (means.size, 3 * H.shape[1])
+    return means, counts, csr_matrix((values, columns, start), shape)
+
+
+@compiled
+def chip_rates(
+    H: FloatArray,
+    slopes: FloatArray,
+    start: IntArray,
+    corners: IntArray,
+    shares: FloatArray,
+    weights: FloatArray,
+    width: float,
+    n_bins: int,
+) -> tuple[FloatArray, FloatArray, Int32Array, Int32Array, FloatArray]:
+    """Do what `vertex_chips` does with and to sparse matrices.
+
+    Parameters
+    ----------
+    H, slopes, weights, width, n_bins
+        See `vertex_chips`.
+    start, corners, shares
+        The rows of the prolongation.
+
+    Returns
+    -------
+    means, counts : (m, K) float64
+        See `vertex_chips`.
+    start, columns, values
+        The rows of J.
+    """
+    shape = (len(weights), H.shape[1])
+    prolongation = csr_matrix((shares, corners, start), shape)
+    means, counts, columns, values, sizes = [], [], [], [], [np.zeros(1, dtype=np.int64)]
     for h, slope in zip(H, slopes, strict=True):
         inside, k, u = _bins(prolongation @ h, width, n_bins)
         w = weights[inside]
@@ -100,8 +175,15 @@ def vertex_chips(
         # d/du of the kernel -sin(2 pi u), over the bin's width.
         change = w / total[k] * (-2.0 * np.pi / width) * np.cos(2.0 * np.pi * u)
         by_vertex = csr_matrix((change, (k, inside)), shape=(n_bins, len(weights)))
-        rows.append(_times_slopes(csr_matrix(by_vertex @ prolongation), slope))
-    return np.array(means), np.array(counts), csr_matrix(vstack(rows, format="csr"))
+        by_distance = csr_matrix(by_vertex @ prolongation)
+        by_distance.sort_indices()
+        vertices = by_distance.indices
+        columns.append((3 * vertices[:, None] + np.arange(3, dtype=np.int32)).ravel())
+        values.append((by_distance.data[:, None] * slope[vertices]).ravel())
+        sizes.append(3 * np.diff(by_distance.indptr))
+    starts = np.cumsum(np.concatenate(sizes)).astype(np.int32)
+    joined = np.concatenate(columns).astype(np.int32, copy=False)
+    return np.array(means), np.array(counts), starts, joined, np.concatenate(values)
 
 
 def _bins(H: FloatArray, width: float, n_bins: int) -> tuple[IntArray, IntArray, FloatArray]:
@@ -119,11 +201,3 @@ def _means(k: IntArray, weights: FloatArray, values: FloatArray, n_bins: int) ->
     total = np.bincount(k, weights, n_bins)
     sums = np.bincount(k, weights * values, n_bins)
     return np.divide(sums, total, out=np.zeros(n_bins), where=total > 0.0)
-
-
-def _times_slopes(by_distance: csr_matrix, slope: FloatArray) -> csr_matrix:
-    """Turn derivatives (K, n) by distances into those by moves, (K, 3 n)."""
-    n_bins, n = by_distance.shape
-    columns = (3 * by_distance.indices.astype(np.int64)[:, None] + np.arange(3)).ravel()
-    values = (by_distance.data[:, None] * slope[by_distance.indices]).ravel()
-    return csr_matrix((values, columns, 3 * by_distance.indptr), shape=(n_bins, 3 * n))

@@ -39,6 +39,8 @@ class Part:
 
     def spread(self, J: csr_matrix, n_points: int) -> csr_matrix:
         """Turn derivatives (k, 3 n) by moves of the part into those by moves of all, (k, 3 N)."""
+        if len(self.component.vertices) == n_points:
+            return J
         columns = (3 * self.component.vertices[:, None] + np.arange(3)).ravel()
         return csr_matrix((J.data, columns[J.indices], J.indptr), (J.shape[0], 3 * n_points))
 

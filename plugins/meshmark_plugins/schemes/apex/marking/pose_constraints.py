@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags_array, vstack
+from scipy.sparse import csr_matrix, vstack
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
@@ -22,6 +22,7 @@ from meshmark_plugins.schemes.apex.chips.soft_chips import (
 from meshmark_plugins.schemes.apex.chips.whitening import inverse_density_on_proxy
 from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
 from meshmark_plugins.schemes.apex.marking.gradients import (
+    carried_changes,
     distance_directions,
     surface_means,
     vertex_chips,
@@ -185,11 +186,12 @@ class PoseConstraints:
         """Measure the chips of a displaced part."""
         field, part = measured.field, self.planning.parts[measured.part]
         own = part.component.vertices
-        directions = distance_directions(field)
-        change = np.einsum("mnx,nx->mn", directions, moves[own]) / field.length_scale
+        slopes, change = carried_changes(
+            distance_directions(field), G[own], moves[own], field.length_scale
+        )
         means, n, J = vertex_chips(
             np.maximum(field.H + change, 0.0),
-            np.einsum("nxy,mnx->mny", G[own], directions, optimize=True) / field.length_scale,
+            slopes,
             part.prolongation,
             weights,
             self._bin_width(measured.rows),
@@ -209,11 +211,13 @@ class PoseConstraints:
         order = np.argsort(np.concatenate([each.rows for each in found]), kind="stable")
         s = np.concatenate([each.s for each in found])[order]
         n = np.concatenate([each.n for each in found])[order]
-        rows = (order[:, None] * K + np.arange(K)).ravel()
-        J = found[0].J if len(found) == 1 else csr_matrix(vstack([each.J for each in found]))
-        J = csr_matrix(J[rows])
+        J = found[0].J
+        if len(found) > 1:
+            rows = (order[:, None] * K + np.arange(K)).ravel()
+            J = csr_matrix(csr_matrix(vstack([each.J for each in found]))[rows])
+        # In place, which leaves the entries where they are.
+        J.data *= np.repeat(self.words.ravel(), np.diff(J.indptr))
         usable = n >= MIN_VERTEX_COUNT
-        J = csr_matrix(diags_array(self.words.ravel().astype(np.float64)) @ J)
         target = chip_targets(n, self.parameters.strength)
         shortfall = np.where(usable, target - self.words * s, 0.0).ravel()
         weight = np.where(usable, n / (n + HALF_WEIGHT_COUNT), 0.0).ravel()
