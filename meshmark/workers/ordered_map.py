@@ -9,8 +9,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import wraps
+from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -31,7 +32,7 @@ TRIED = 2
 
 
 def default_jobs() -> int:
-    """Return the number of worker processes: MESHMARK_JOBS, or one for each processor."""
+    """Return the number of processes to work in: MESHMARK_JOBS, or one for each processor."""
     text = os.environ.get(JOBS_VARIABLE)
     if text is None:
         return (
@@ -61,7 +62,7 @@ def ordered_map(
     items : iterable
         Small things such as frame indices; consumed only as fast as results are taken.
     jobs : int, optional
-        Worker processes; 1 works in this process.
+        Processes, this one included.
     seconds : float, optional
         Of CPU time that an item takes in this process, if that is known.
     light : bool
@@ -108,12 +109,12 @@ def shared_workers(jobs: int) -> Iterator[None]:
     Parameters
     ----------
     jobs : int
-        Worker processes.
+        Processes, this one included.
     """
     if _shared.pool is not None:
         yield
         return
-    pool = Pool(jobs)
+    pool = Pool(jobs - 1)
     _shared.pool = pool if jobs > 1 else None
     try:
         with one_thread():
@@ -137,28 +138,34 @@ def sharing_workers(function: Callable[Arguments, Result]) -> Callable[Arguments
 
 
 class Workers(Generic[Item, Result]):
-    """Worker processes that stay, for work that comes in rounds; a context manager.
+    """Processes that stay, for work that comes in rounds; a context manager.
 
     Parameters
     ----------
     function : callable
         Picklable; sent to each worker once.
     jobs : int
-        Worker processes; 1 works in this process. Within `shared_workers`, they are its own.
+        Processes, this one included: it works on items itself while others do, and on all of them
+        until those have started. Within `shared_workers`, they are its own.
     """
 
     def __init__(self, function: Callable[[Item], Result], jobs: int) -> None:
         self._function, self._jobs = function, jobs
         self._pool: Pool | None = None
         self._kept: Path | bytes = b""
+        self._limits = ExitStack()
 
     def __enter__(self) -> Workers[Item, Result]:
         if self._jobs > 1:
-            self._pool = _shared.pool or Pool(self._jobs)
+            if _shared.pool is None:
+                # Sums depend on how many threads there are.
+                self._limits.enter_context(one_thread())
+            self._pool = _shared.pool or Pool(self._jobs - 1)
             self._kept = self._pool.keep(self._function)
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._limits.close()
         if self._pool is not None and self._pool is not _shared.pool:
             self._pool.close()
         elif isinstance(self._kept, Path):
@@ -166,8 +173,6 @@ class Workers(Generic[Item, Result]):
 
     def map(self, items: Iterable[Item]) -> Iterator[Result]:
         """Apply the function to items, which are consumed only as fast as results are taken.
-
-        Several threads may do so at a time.
 
         Raises
         ------
@@ -177,14 +182,19 @@ class Workers(Generic[Item, Result]):
         if self._pool is None:
             yield from map(self._function, items)
             return
+        # In the items' order: those that workers have, and those that were worked on here.
         waiting: deque[Future[Any]] = deque()
         try:
-            for item in items:
-                waiting.append(self._pool.submit(self._kept, item))
-                if len(waiting) > 2 * self._jobs:
+            self._pool.start(self._kept)
+            rest = _Rest(items)
+            while rest.has() or waiting:
+                self._hand_out(rest, self._pool, waiting)
+                if waiting and (
+                    waiting[0].done() or not rest.has() or len(waiting) > 2 * self._jobs
+                ):
                     yield self._pool.result(waiting.popleft())
-            while waiting:
-                yield self._pool.result(waiting.popleft())
+                else:
+                    waiting.append(_done(self._function, rest.take()))
         except BrokenProcessPool:
             self._pool.restart()
             raise WorkerError(
@@ -193,6 +203,41 @@ class Workers(Generic[Item, Result]):
             ) from None
         finally:
             self._pool.drop(waiting)
+
+    def _hand_out(self, rest: _Rest[Item], pool: Pool, waiting: deque[Future[Any]]) -> None:
+        """Give each worker something to do, and something to do next unless we would be idle."""
+        ready, begun = pool.count_ready(), sum(not each.done() for each in waiting)
+        for place in range(begun, 2 * ready):
+            if not rest.has(1 if place < ready else 2):
+                return
+            waiting.append(pool.submit(self._kept, rest.take()))
+
+
+class _Rest(Generic[Item]):
+    """The items that nobody has begun, asked for one by one."""
+
+    def __init__(self, items: Iterable[Item]) -> None:
+        self._items = iter(items)
+        self._next: deque[Item] = deque()
+
+    def has(self, n: int = 1) -> bool:
+        """Whether there are so many."""
+        self._next.extend(islice(self._items, max(0, n - len(self._next))))
+        return len(self._next) >= n
+
+    def take(self) -> Item:
+        """Return the first of them, after it was asked whether there is one."""
+        return self._next.popleft()
+
+
+def _done(function: Callable[[Item], Result], item: Item) -> Future[Result]:
+    """Call a function; an error is raised in its turn, when the result is asked for."""
+    done: Future[Result] = Future()
+    try:
+        done.set_result(function(item))
+    except Exception as error:
+        done.set_exception(error)
+    return done
 
 
 class _Shared(threading.local):

@@ -47,6 +47,7 @@ class Pool:
         # Forking a process in which open3d or pxr has started threads may dead-lock.
         self._context = multiprocessing.get_context("spawn")
         self._executor: ProcessPoolExecutor | None = None
+        self._starts: list[Future[Any]] = []
         # Python throws what signals mean into its main thread, wherever that is: a worker it was
         # about to start would wait for its orders in vain, and say so.
         self._starter = ThreadPoolExecutor(1, "meshmark-starter", _hold_signals)
@@ -55,7 +56,7 @@ class Pool:
 
     @property
     def is_running(self) -> bool:
-        """Whether worker processes have been asked for anything yet."""
+        """Whether worker processes have been started."""
         return self._executor is not None
 
     def keep(self, function: Callable[[Any], Any]) -> Path | bytes:
@@ -71,6 +72,21 @@ class Pool:
             return pickled
         return path
 
+    def start(self, kept: Path | bytes) -> None:
+        """Start the processes, unless they run, and let them load a function that was kept.
+
+        Raises
+        ------
+        BrokenProcessPool
+            If all are to end.
+        """
+        if self._executor is None:
+            self._starts = [self._ask(_load, kept) for _ in range(self._jobs)]
+
+    def count_ready(self) -> int:
+        """Count the processes that have started."""
+        return sum(each.done() for each in self._starts)
+
     def submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
         """Let a worker call a function that was kept.
 
@@ -79,9 +95,12 @@ class Pool:
         BrokenProcessPool
             If a worker has died, or all are to end.
         """
-        return self._starter.submit(self._submit, kept, item).result()
+        return self._ask(_call, kept, item)
 
-    def _submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
+    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        return self._starter.submit(self._submit, function, *arguments).result()
+
+    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         if self.is_abandoned:
             raise BrokenProcessPool("abandoned")
         if self._executor is None:
@@ -92,7 +111,7 @@ class Pool:
             _hold_signals()
             self._executor = ProcessPoolExecutor(self._jobs, self._context, _begin, (self._theirs,))
         with safe_path():
-            return self._executor.submit(_call, kept, item)
+            return self._executor.submit(function, *arguments)
 
     def result(self, future: Future[Any]) -> Any:
         """Wait for what a submitted call returns.
@@ -219,6 +238,11 @@ class _Left:
     """Where a worker has left a result."""
 
     path: Path
+
+
+def _load(kept: Path | bytes) -> None:
+    """Load a function that was kept, and all that it needs."""
+    _function(kept)
 
 
 def _call(kept: Path | bytes, item: Any) -> Any:

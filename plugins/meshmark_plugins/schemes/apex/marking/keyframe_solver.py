@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from threading import Event
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from meshmark.arrays import FloatArray
-from meshmark.workers.ordered_map import Workers
+from meshmark.workers.ordered_map import Workers, ordered_map
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.marking.energy import (
@@ -28,8 +28,8 @@ from meshmark_plugins.schemes.apex.marking.solve_displacement import (
     solve_displacement,
 )
 
-PoseWorkers = Workers[PoseTask, Any]
-
+# Constraints of a pose, and its distances.
+Measured: TypeAlias = tuple[LinearConstraints, Any]
 # Rounds of measuring and solving at the keyframe that all others start from, and at those.
 FIRST_KEYFRAME_ROUNDS, LATER_KEYFRAME_ROUNDS = 4, 2
 # Share of the way from the displacement it measured to the one it solved for that a round goes.
@@ -40,9 +40,9 @@ RELAXATION = 0.5
 MOVE_REACH = 0.25
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class KeyframeSolver:
-    """Solves keyframe after keyframe; what was measured in a pose serves the next one as well.
+    """Solves for the displacements of keyframes; picklable, for worker processes.
 
     Parameters
     ----------
@@ -50,43 +50,61 @@ class KeyframeSolver:
         Measures displacements in poses.
     guards : list of GeodesicField
         Of the reference frame, about every vertex at which an anchor is detected.
-    workers : Workers
-        Which do the measuring.
-    cache : dict of (LinearConstraints, object)
-        Constraints of the poses of the last keyframe, and their distances, by frame.
+    poses : list of list of int
+        Frames that each keyframe must serve.
     """
 
     constraints: PoseConstraints
     guards: list[GeodesicField]
-    workers: PoseWorkers
-    cache: dict[int, tuple[LinearConstraints, Any]] = field(default_factory=dict)
+    poses: list[list[int]]
 
-    def solve(self, poses: list[int], d: FloatArray, rounds: int) -> FloatArray:
-        """Find the displacement that serves some poses best, (3 n,), starting from another."""
+    def solve(
+        self,
+        j: int,
+        d: FloatArray,
+        known: dict[int, Measured],
+        rounds: int,
+        measure: Callable[[Iterable[PoseTask]], Iterator[Measured]],
+    ) -> tuple[FloatArray, dict[int, Measured]]:
+        """Find the displacement that serves the poses of keyframe j best, starting from another.
+
+        Parameters
+        ----------
+        d : (3 n,) float64
+            Where to start.
+        known : dict of Measured
+            Poses whose constraints under `d` are known, or good enough, by frame.
+        rounds : int
+            Of measuring and solving.
+        measure : callable
+            Calls `constraints` for each of some tasks.
+
+        Returns
+        -------
+        d : (3 n,) float64
+        known : dict of Measured
+            The last measurements of the keyframe's poses.
+        """
         transfer, width = self.constraints.transfer, self.constraints.parameters.width
         V, F = transfer.surface
+        poses = self.poses[j]
         points = [transfer.positions(self.constraints.animation[t].points) for t in poses]
         carried = [(P, transfer.deformation.gradients(P)) for P in points]
         energy = self._guarded(energy_over_poses(carried, V, F, width), poses)
         some_poses = carried[:: max(1, (len(poses) - 1) // 2)]
         smoother = FoldSmoother(F, transfer.root_area, some_poses)
-        # The last keyframe's constraints are as good as new: its displacement followed from them.
-        self.cache = {t: self.cache[t] for t in poses if t in self.cache}
-        self._measure([t for t in poses if t not in self.cache], d)
+        known = {t: known[t] for t in poses if t in known}
         for turn in range(rounds):
-            if turn > 0:
-                self._measure(poses, d)
-            constraints = [self.cache[t][0] for t in poses]
+            # The last keyframe's constraints are as good as new: its displacement followed from
+            # them.
+            asked = poses if turn > 0 else [t for t in poses if t not in known]
+            # The distances of a pose are measured once.
+            tasks = [(t, d, known[t][1] if t in known else None) for t in asked]
+            known.update(zip(asked, measure(tasks), strict=True))
+            constraints = [known[t][0] for t in poses]
             found = solve_displacement(constraints, energy, MOVE_REACH * width, d)
             d = smoother.smooth_folds(d + (RELAXATION if d.any() else 1.0) * (found - d))
-        return d
-
-    def _measure(self, poses: list[int], d: FloatArray) -> None:
-        """Measure a displacement in poses; their distances once."""
-        tasks: list[PoseTask] = [
-            (t, d, self.cache[t][1] if t in self.cache else None) for t in poses
-        ]
-        self.cache.update(zip(poses, self.workers.map(tasks), strict=True))
+        return d, known
 
     def _guarded(self, energy: DisplacementEnergy, poses: list[int]) -> DisplacementEnergy:
         """Make moves dear about the anchors that some poses show."""
@@ -97,51 +115,41 @@ class KeyframeSolver:
         return energy
 
 
-def solve_keyframes(
-    constraints: PoseConstraints,
-    guards: list[GeodesicField],
-    workers: PoseWorkers,
-    poses: list[list[int]],
-    jobs: int,
-) -> ScratchFile:
+@dataclass(frozen=True, eq=False)
+class _GoOneWay:
+    """Solves keyframe after keyframe from one that is solved, and writes down what it finds."""
+
+    solver: KeyframeSolver
+    solved: ScratchFile
+    start: FloatArray
+    known: dict[int, Measured] = field(repr=False)
+
+    def __call__(self, way: range) -> None:
+        d, known = self.start, self.known
+        measure = partial(map, self.solver.constraints)
+        for j in way:
+            d, known = self.solver.solve(j, d, known, LATER_KEYFRAME_ROUNDS, measure)
+            self.solved.write(j, d)
+
+
+def solve_keyframes(solver: KeyframeSolver, jobs: int) -> ScratchFile:
     """Find the displacements of all keyframes, J arrays (n, 3), from the middle one outwards.
 
-    The keyframes before it and those after it do not wait for each other: while one displacement
-    is solved for here, workers measure poses for the other way.
-
-    Parameters
-    ----------
-    constraints, guards, workers
-        See `KeyframeSolver`.
-    poses : list of list of int
-        Frames that each keyframe must serve.
-    jobs : int
-        1 to go the two ways one after the other.
+    The keyframes before it and those after it do not wait for each other: two processes go the
+    two ways.
     """
+    poses, n_points = solver.poses, len(solver.constraints.transfer.surface[0])
     start = len(poses) // 2
-    first = KeyframeSolver(constraints, guards, workers)
-    V, _ = constraints.transfer.surface
-    solved = ScratchFile.create(len(poses), len(V), DOUBLE)
-    middle = first.solve(poses[start], np.zeros(V.size), FIRST_KEYFRAME_ROUNDS)
-    solved.write(start, middle)
-
-    stopped = Event()
-
-    def go(way: range) -> None:
-        solver, d = KeyframeSolver(constraints, guards, workers, first.cache), middle
-        for j in way:
-            if stopped.is_set():
-                return
-            d = solver.solve(poses[j], d, LATER_KEYFRAME_ROUNDS)
-            solved.write(j, d)
-
-    ways = (range(start + 1, len(poses)), range(start - 1, -1, -1))
-    with ThreadPoolExecutor(min(jobs, len(ways))) as threads:
-        try:
-            for done in as_completed([threads.submit(go, way) for way in ways]):
-                done.result()
-        except BaseException:
-            # Nobody wants the rest of the other way any more.
-            stopped.set()
-            raise
+    solved = ScratchFile.create(len(poses), n_points, DOUBLE)
+    with Workers(solver.constraints, min(jobs, len(poses[start]))) as workers:
+        d, known = solver.solve(
+            start, np.zeros(3 * n_points), {}, FIRST_KEYFRAME_ROUNDS, workers.map
+        )
+    solved.write(start, d)
+    both = range(start + 1, len(poses)), range(start - 1, -1, -1)
+    ways = [way for way in both if way]
+    beside = {t for way in ways for j in way[:1] for t in poses[j]}
+    known = {t: measured for t, measured in known.items() if t in beside}
+    for _ in ordered_map(_GoOneWay(solver, solved, d, known), ways, jobs=jobs, seconds=np.inf):
+        pass
     return solved

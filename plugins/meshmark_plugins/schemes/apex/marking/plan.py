@@ -15,7 +15,7 @@ from meshmark.mesh.flip_guard import restrain
 from meshmark.mesh.frame_range import spread
 from meshmark.metrics.summary import standard_error
 from meshmark.metrics.surface_distance import surface_distance
-from meshmark.workers.ordered_map import Workers, ordered_map
+from meshmark.workers.ordered_map import ordered_map
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.track import (
@@ -28,7 +28,10 @@ from meshmark_plugins.schemes.apex.marking.displacement_transfer import (
     DisplacementTransfer,
 )
 from meshmark_plugins.schemes.apex.marking.fit_to_surface import fit_to_surface
-from meshmark_plugins.schemes.apex.marking.keyframe_solver import solve_keyframes
+from meshmark_plugins.schemes.apex.marking.keyframe_solver import (
+    KeyframeSolver,
+    solve_keyframes,
+)
 from meshmark_plugins.schemes.apex.marking.marked_anchors import (
     MarkedAnchors,
     assign_units_and_words,
@@ -162,8 +165,7 @@ def plan_animation(
     constraints = PoseConstraints(
         animation, transfer, anchors, own_words, parameters, seen, planning, proxies
     )
-    with Workers(constraints, min(jobs, len(animation))) as workers:
-        solved = solve_keyframes(constraints, guards, workers, poses, jobs)
+    solved = solve_keyframes(KeyframeSolver(constraints, guards, poses), jobs)
     plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))
     plan = hold_back(plan, animation, poses, jobs)
     return limit_mrms(plan, animation, parameters.max_mrms, jobs)
