@@ -49,7 +49,7 @@ def align(
     n_frames : int
         How many of these frames are placed at most, spread evenly.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def align_mesh(
     frames : sequence of int
         Of the copy, or of the first of its meshes.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
 
     Returns
     -------

@@ -109,7 +109,7 @@ def run_benchmark(
     trusted : bool
         Without it, the sources are first read in processes of their own.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     progress : callable, optional
         Called with (stage, what, done, in all).
 

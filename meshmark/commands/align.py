@@ -23,7 +23,7 @@ def align_assets(
     frames : str, optional
         Range A:B[:S] of the copy's time codes; some frames of it are placed.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
 
     Returns
     -------

@@ -36,7 +36,7 @@ class Extraction:
     scheme_name : str
         Its name, by which keys derive words.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     """
 
     def __init__(

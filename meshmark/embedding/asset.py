@@ -18,7 +18,7 @@ from meshmark.mesh.checks import bad_frames
 from meshmark.mesh.frame_range import frames_in, in_range
 from meshmark.mesh.runs import cut, joined, runs, span
 from meshmark.recipients import recipient_name
-from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.ordered_map import prepare_workers, sharing_workers
 from meshmark.workers.progress import FrameProgress, MeshProgress
 
 
@@ -148,6 +148,8 @@ def embed(
     marked: list[MarkedMesh] = []
     within, beyond = in_range(whole, frames)
     skipped = list(beyond)
+    longest = max((len(mesh) for mesh in within.meshes), default=0)
+    prepare_workers([type(layer.scheme).__module__ for layer in layers], longest)
     # All of them first: what cannot be read is to be known before hours of work.
     passed_over = {mesh.prim: _passed_over(mesh, frames) for mesh in within.meshes}
     for animation in within.meshes:

@@ -71,7 +71,7 @@ def measure_distortion(
     check_all : bool
         Whether to compare all frames in any case.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     """
     marked, limit = mesh.frames, mrms_limit(layers)
     pair = mesh.original.select(marked), shown.select(marked)
@@ -117,7 +117,7 @@ def verify_written(
     check_all : bool
         Whether to look at all frames.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     progress : callable, optional
         Called with (prim, frames done, frames in all).
     """

@@ -142,7 +142,7 @@ def describe_marks(
     check_all : bool
         Whether all frames are compared, and were verified.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     """
     verdicts = {prim.prim: prim for prim in verdict.prims}
     coordinates = [

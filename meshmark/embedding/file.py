@@ -132,7 +132,7 @@ def mark_file(
         Without it, the source is first read in a process of its own, so that one that crashes or
         hangs the library is told of in one line. The layer is written by this process all the same.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     progress : callable, optional
         Called with (stage, prim, frames done, frames in all).
 

@@ -77,7 +77,7 @@ def embed_animation(
         What `animation` was before other layers marked it: informed schemes lay their chips out on
         that.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     progress : callable, optional
         Called with (frames done, frames in all).
 

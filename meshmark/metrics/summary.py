@@ -104,7 +104,7 @@ def distortion(
     samples, seed
         As in `surface_distance`.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def copy_page(
     found : Identification, optional
         What a ledger knows of it.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
 
     Raises
     ------

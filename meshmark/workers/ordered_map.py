@@ -6,17 +6,17 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import wraps
 from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from meshmark.errors import UsageError, WorkerError
-from meshmark.workers.pool import Pool, one_thread
+from meshmark.workers.pool import Pool, import_all, load, one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -124,6 +124,19 @@ def shared_workers(jobs: int) -> Iterator[None]:
         pool.close()
 
 
+def prepare_workers(modules: Sequence[str], n_items: int) -> None:
+    """Start the shared workers before there is work, if they are worth it for so many items.
+
+    Parameters
+    ----------
+    modules : sequence of str
+        What they will need.
+    """
+    if _shared.pool is not None and n_items >= FEWEST_FOR_NEW_WORKERS:
+        with suppress(BrokenProcessPool):
+            _shared.pool.start(import_all, modules)
+
+
 def sharing_workers(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Let all that a function of a keyword argument `jobs` does in parallel share workers."""
 
@@ -185,7 +198,7 @@ class Workers(Generic[Item, Result]):
         # In the items' order: those that workers have, and those that were worked on here.
         waiting: deque[Future[Any]] = deque()
         try:
-            self._pool.start(self._kept)
+            self._pool.start(load, self._kept)
             rest = _Rest(items)
             while rest.has() or waiting:
                 self._hand_out(rest, self._pool, waiting)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
+import importlib
 import multiprocessing
 import os
 import pickle
@@ -10,7 +13,7 @@ import sys
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -72,8 +75,8 @@ class Pool:
             return pickled
         return path
 
-    def start(self, kept: Path | bytes) -> None:
-        """Start the processes, unless they run, and let them load a function that was kept.
+    def start(self, function: Callable[..., object], *arguments: object) -> None:
+        """Start the processes, unless they run; a function gets them ready.
 
         Raises
         ------
@@ -81,10 +84,10 @@ class Pool:
             If all are to end.
         """
         if self._executor is None:
-            self._starts = [self._ask(_load, kept) for _ in range(self._jobs)]
+            self._starts = [self._ask(function, *arguments) for _ in range(self._jobs)]
 
     def count_ready(self) -> int:
-        """Count the processes that have started."""
+        """Count the processes that are ready."""
         return sum(each.done() for each in self._starts)
 
     def submit(self, kept: Path | bytes, item: Any) -> Future[Any]:
@@ -226,6 +229,8 @@ def _begin(lifeline: Connection) -> None:
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD)
     threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
+    # Or else, in the end, Python looks for garbage among all that was imported.
+    atexit.register(gc.freeze)
 
 
 def _watch(lifeline: Connection) -> None:
@@ -240,9 +245,15 @@ class _Left:
     path: Path
 
 
-def _load(kept: Path | bytes) -> None:
-    """Load a function that was kept, and all that it needs."""
+def load(kept: Path | bytes) -> None:
+    """Get a worker ready to call a function that was kept."""
     _function(kept)
+
+
+def import_all(modules: Sequence[str]) -> None:
+    """Get a worker ready for what needs some modules."""
+    for name in modules:
+        importlib.import_module(name)
 
 
 def _call(kept: Path | bytes, item: Any) -> Any:

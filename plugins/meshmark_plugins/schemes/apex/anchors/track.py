@@ -47,7 +47,7 @@ class FrameAnchors:
     animation : MeshAnimation
         Frames as analysis sees them, of one topology.
     jobs : int
-        Worker processes.
+        Processes that work, this one among them.
     """
 
     def __init__(self, animation: MeshAnimation, jobs: int) -> None:
