@@ -13,8 +13,6 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
 
 import lazy_loader
 
-from meshmark.version import __version__ as __version__
-
 # Names come from the modules that `__init__.pyi` lists when they are first asked for: numpy and
 # scipy take half a second to import, which those who ask for help should not have to wait for.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

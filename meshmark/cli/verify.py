@@ -162,9 +162,6 @@ def verify(
     if commands is not None and (json or scheduler is not None):
         raise UsageError("--commands verifies nothing by itself; no --json or --scheduler")
     recorded = batch.recorded
-    apart = (trusted, clip, fps, variant, evidence, store, resume, commands, scheduler, timeout)
-    if not any(apart):
-        _read_ahead(context, sources)
     from meshmark.commands.verification import Request, hashes_beside, recipes_asked
     from meshmark.sources.listing import listed
 
@@ -214,15 +211,6 @@ def verify(
     if json:
         put_json({"assets": [verdicts[each].as_json() for each in named if each in verdicts]})
     tally.end()
-
-
-def _read_ahead(context: typer.Context, sources: Sequence[str]) -> None:
-    """Have a single file read while all is imported that measuring it takes."""
-    if len(sources) == 1 and not sources[0].startswith("@") and Path(sources[0]).is_file():
-        from meshmark.sources.isolation.process import drop_ahead, read_ahead
-
-        context.call_on_close(drop_ahead)
-        read_ahead(sources[0])
 
 
 def _write_commands(
