@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from threading import Thread
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
+from meshmark.commands.importing import importing
 from meshmark.commands.outcome import Files, Outcome, nobody, outcome_of
 from meshmark.commands.verification import Request
-from meshmark.errors import MeshmarkError
 from meshmark.extension.recipe import Recipe
 from meshmark.keys import Key
 from meshmark.mesh.asset import Asset
@@ -47,7 +46,7 @@ def _verdict(source: str, request: Request, progress: StageProgress) -> tuple[Ve
         return _by_evidence(source, key, recipes, request, _teller(progress))
     progress("read", source, 0, 1)
     blind = [recipe for recipe in recipes if not recipe.informed]
-    with nullcontext() if request.trusted else _importing(blind):
+    with nullcontext() if request.trusted else importing(blind):
         asset = _read(source, request, copy=request.original is not None)
     progress("read", source, 1, 1)
     # Of what is trusted they are read twice.
@@ -133,26 +132,6 @@ def _keeper(request: Request) -> Keeper:
 
     assert request.evidence is not None
     return EvidenceFile(request.evidence, request.authenticated)
-
-
-@contextmanager
-def _importing(recipes: Sequence[Recipe]) -> Iterator[None]:
-    """Import what measuring needs during a block that waits for another process."""
-    thread = Thread(target=_import, args=(recipes,))
-    thread.start()
-    try:
-        yield
-    finally:
-        thread.join()
-
-
-def _import(recipes: Sequence[Recipe]) -> None:
-    import meshmark.detection.verify  # noqa: F401
-
-    for recipe in recipes:
-        # What is wrong with one is said where it is used.
-        with suppress(MeshmarkError):
-            recipe.build()
 
 
 def _read(source: str, request: Request, *, copy: bool = False) -> Asset:
