@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -13,6 +15,9 @@ from meshmark.mesh.asset import Asset
 from meshmark.sources.facts import source_files
 
 CHUNK = 1 << 24  # bytes of a file that are hashed at a time
+# What was changed so long ago bears another time if it is changed again: the coarsest file systems
+# tell times in steps of two.
+SETTLED = 5.0  # seconds
 
 
 def source_digests(asset: Asset) -> tuple[tuple[str, str], ...]:
@@ -53,6 +58,23 @@ def sha256(path: Path, beat: Callable[[], None] | None = None) -> str:
             if beat is not None:
                 beat()
     return digest.hexdigest()
+
+
+def stamps_of(files: Iterable[Path]) -> list[tuple[int, ...]] | None:
+    """Tell what would be another of any file that is changed, or exchanged for another one.
+
+    None if that is not certain of one: it was changed a moment ago, and may be within the moment.
+    """
+    found: list[tuple[int, ...]] = []
+    for path in files:
+        # Of a file that others serve, the system asks how it is now when it is opened.
+        with opened(path) as file:
+            now, told = time.time(), os.fstat(file.fileno())
+        # Elsewhere that is when it was made, and programs set when it was changed.
+        if sys.platform == "win32" or now - told.st_ctime < SETTLED:
+            return None
+        found.append((told.st_dev, told.st_ino, told.st_size, told.st_mtime_ns, told.st_ctime_ns))
+    return found
 
 
 def file_hashes(files: Iterable[tuple[str, str]], folder: Path) -> list[dict[str, str]]:

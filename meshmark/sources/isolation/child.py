@@ -8,13 +8,13 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
 from meshmark.errors import InputError, MeshmarkError, OutputError
 from meshmark.files.temporary import no_room
-from meshmark.sources.digests import sha256
+from meshmark.sources.digests import sha256, stamps_of
 from meshmark.sources.facts import files_in_reach, source_files
 from meshmark.sources.isolation.frames import ArrayWriter
 from meshmark.sources.isolation.limits import DISK_VARIABLE, Limits
@@ -45,10 +45,14 @@ class Child:
         self.limits.expect_progress()
         os.write(self._alive, b".")
 
-    def digests(self) -> list[tuple[str, str]]:
-        """Hash the files the source consists of; absolute paths."""
+    def files(self) -> list[Path]:
+        """List the files the source consists of; absolute paths."""
         files = [path.resolve() for path in source_files(self.source)]
         self.beat()
+        return files
+
+    def digests(self, files: Iterable[Path]) -> list[tuple[str, str]]:
+        """Hash files."""
         return [(str(path), sha256(path, beat=self.beat)) for path in files]
 
     def run(self, work: Callable[[], dict[str, Any]]) -> NoReturn:
@@ -78,7 +82,8 @@ class Child:
 def _read(
     child: Child, prims: list[str], parameters: dict[str, Any], textures: bool
 ) -> dict[str, Any]:
-    before = child.digests()
+    files = child.files()
+    stamps, before = stamps_of(files), child.digests(files)
     asset = open_source(child.source, prims, parameters)
     child.beat()
     try:
@@ -87,7 +92,9 @@ def _read(
             told = describe_asset(asset, arrays, textures=textures, beat=child.beat)
     except OSError as error:
         raise _too_much(child, error) from None
-    if child.digests() != before:
+    files = child.files()
+    is_stamped = stamps is not None and stamps_of(files) == stamps
+    if not is_stamped and child.digests(files) != before:
         raise InputError("changed while it was read; try again", source=child.source)
     reach = [str(path) for path in files_in_reach(child.source)]
     return {"asset": told, "files": before, "reach": reach}

@@ -35,7 +35,7 @@ def main() -> None:
     """Hash what the command line says."""
     folder, source = sys.argv[1:]
     child = Child(Path(folder), source)
-    child.run(lambda: {"files": child.digests()})
+    child.run(lambda: {"files": child.digests(child.files())})
 
 
 if __name__ == "__main__":
