@@ -20,6 +20,7 @@ from meshmark.mesh import closest_points, deformation, flip_guard
 from meshmark.mesh.geometry import edge_length
 from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
+from meshmark_plugins.schemes.apex.chips import whitening
 from meshmark_plugins.schemes.apex.marking import fit_to_surface, gradients, sliding
 
 pytest.importorskip("numba")
@@ -36,8 +37,10 @@ TWINS = [
     gradients.growth_directions,
     gradients.sampled_means,
     sliding.both_spreads,
+    whitening.spread_masses_by_rows,
 ]
 MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.marking.loops"
+CHIP_LOOPS = "meshmark_plugins.schemes.apex.chips.loops"
 # What loops have in common.
 SHARED = {"area_normal", "cross", "norm"}
 TOLERANCE = 1e-12
@@ -143,6 +146,16 @@ def test_directions(crumpled):
     agree(gradients.growth_directions, V, F, rng.normal(size=(3, len(V))))
 
 
+@given(crumpled_meshes(), st.integers(0, 12))
+@settings(max_examples=30)
+def test_spread_masses(crumpled, iterations):
+    V, F, rng = crumpled
+    areas, masses = rng.uniform(0.1, 1.0, size=(2, len(V)))
+    weights = rng.uniform(0.0, 5.0, size=F.shape)
+    spread = whitening.spread_masses_by_rows
+    agree(spread, areas, F, weights, 0.4, masses, iterations, 1e-7)
+
+
 @given(crumpled_meshes())
 @settings(max_examples=30)
 def test_changes_of_distances(crumpled):
@@ -198,7 +211,7 @@ def test_each_loop_has_a_twin_of_the_same_parameters():
     """A loop that no function uses would not be tested; one with others would go wrong."""
     public = {
         name: loop
-        for loops in map(kernels.load_loops, (MESH_LOOPS, APEX_LOOPS))
+        for loops in map(kernels.load_loops, (MESH_LOOPS, APEX_LOOPS, CHIP_LOOPS))
         for name, loop in vars(loops).items()
         if hasattr(loop, "py_func") and not name.startswith("_") and name not in SHARED
     }

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import vertex_areas
 from meshmark.mesh.laplacian import (
     cotangent_weights,
@@ -18,6 +22,11 @@ CG_ITERATIONS = 60
 CG_TOLERANCE = 1e-7
 # Share of the mean vertex area that every vertex is given at least.
 MIN_VERTEX_AREA_SHARE = 1e-3
+
+# A function such as `spread_masses`.
+SpreadMasses: TypeAlias = Callable[
+    [FloatArray, IntArray, FloatArray, float, FloatArray, int, float], FloatArray
+]
 
 
 def whitening_weights(field: GeodesicField, width: float) -> FloatArray:
@@ -54,26 +63,76 @@ def inverse_density(V: FloatArray, F: IntArray, root_area: float, length: float)
 
 
 def inverse_density_on_proxy(
-    V: FloatArray, F: IntArray, root_area: float, length: float, prolongation: csr_matrix
+    V: FloatArray,
+    F: IntArray,
+    root_area: float,
+    length: float,
+    prolongation: csr_matrix,
+    spread: SpreadMasses | None = None,
 ) -> FloatArray:
     """Weights of the vertices of a mesh (N,), as of `inverse_density`, by a proxy V, F of it.
 
     Their masses are spread on the proxy; `prolongation` (N, n) tells where they lie on it.
+    `spread` may be quicker than `spread_masses`.
     """
     masses = prolongation.T @ np.ones(prolongation.shape[0])
-    return _inverse(prolongation @ _density(V, F, root_area, length, masses))
+    return _inverse(prolongation @ _density(V, F, root_area, length, masses, spread))
 
 
 def _density(
-    V: FloatArray, F: IntArray, root_area: float, length: float, masses: FloatArray
+    V: FloatArray,
+    F: IntArray,
+    root_area: float,
+    length: float,
+    masses: FloatArray,
+    spread: SpreadMasses | None = None,
 ) -> FloatArray:
     """Density of masses at vertices, spread over a surface: (M + length^2 L)^-1 m, (N,)."""
     areas = vertex_areas(V, F) / root_area**2
     areas = np.maximum(areas, MIN_VERTEX_AREA_SHARE * areas.mean())
-    L = stiffness_matrix(F, cotangent_weights(V, F), len(V))
-    A = csr_matrix(diags_array(areas) + length**2 * L)
-    start = np.full(len(V), masses.sum())
-    return conjugate_gradients(A, masses, start, 1.0 / A.diagonal(), CG_ITERATIONS, CG_TOLERANCE)
+    weights, solve = cotangent_weights(V, F), spread or spread_masses
+    return solve(areas, F, weights, length, masses, CG_ITERATIONS, CG_TOLERANCE)
+
+
+def spread_masses(
+    areas: FloatArray,
+    F: IntArray,
+    weights: FloatArray,
+    length: float,
+    masses: FloatArray,
+    iterations: int,
+    tolerance: float,
+) -> FloatArray:
+    """Spread masses (N,) over a surface, to a density, (N,); see `inverse_density`.
+
+    Parameters
+    ----------
+    areas : (N,) float64
+        Lumped areas.
+    F : (F, 3) int
+        Triangles.
+    weights : (F, 3) float64
+        Cotangent weights of the Laplacian.
+    iterations, tolerance
+        Of conjugate gradients.
+    """
+    A = csr_matrix(diags_array(areas) + length**2 * stiffness_matrix(F, weights, len(areas)))
+    start = np.full(len(areas), masses.sum())
+    return conjugate_gradients(A, masses, start, 1.0 / A.diagonal(), iterations, tolerance)
+
+
+@compiled
+def spread_masses_by_rows(
+    areas: FloatArray,
+    F: IntArray,
+    weights: FloatArray,
+    length: float,
+    masses: FloatArray,
+    iterations: int,
+    tolerance: float,
+) -> FloatArray:
+    """Do what `spread_masses` does, quicker; copies are looked at without loops to load."""
+    return spread_masses(areas, F, weights, length, masses, iterations, tolerance)
 
 
 def _inverse(density: FloatArray) -> FloatArray:

@@ -19,7 +19,10 @@ from meshmark_plugins.schemes.apex.chips.soft_chips import (
     MIN_VERTEX_COUNT,
     SINE_VARIANCE,
 )
-from meshmark_plugins.schemes.apex.chips.whitening import inverse_density_on_proxy
+from meshmark_plugins.schemes.apex.chips.whitening import (
+    inverse_density_on_proxy,
+    spread_masses_by_rows,
+)
 from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
 from meshmark_plugins.schemes.apex.marking.gradients import (
     carried_changes,
@@ -178,6 +181,7 @@ class PoseConstraints:
             field.length_scale,
             self.parameters.width / 2.0,
             part.prolongation,
+            spread_masses_by_rows,
         )
 
     def _of_part(
