@@ -215,6 +215,7 @@ class PoseConstraints:
         order = np.argsort(np.concatenate([each.rows for each in found]), kind="stable")
         s = np.concatenate([each.s for each in found])[order]
         n = np.concatenate([each.n for each in found])[order]
+        # Rows of one component are in the anchors' order already.
         J = found[0].J
         if len(found) > 1:
             rows = (order[:, None] * K + np.arange(K)).ravel()
