@@ -21,26 +21,53 @@ from meshmark.mesh.geometry import edge_length
 from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
 from meshmark_plugins.schemes.apex.chips import whitening
-from meshmark_plugins.schemes.apex.marking import fit_to_surface, gradients, sliding
+from meshmark_plugins.schemes.apex.linear_algebra import (
+    block_woodbury,
+    triangle_energy,
+    vertex_rows,
+)
+from meshmark_plugins.schemes.apex.linear_algebra.vertex_rows import VertexRows
+from meshmark_plugins.schemes.apex.marking import (
+    energy,
+    fit_to_surface,
+    fold_smoother,
+    gradients,
+    sliding,
+)
 
 pytest.importorskip("numba")
 
 MESHES = [plane(7), icosphere(2), torus(12, 9)]
 # Functions that a loop stands in for.
 TWINS = [
+    block_woodbury.corrected,
+    block_woodbury.inverted_blocks,
+    block_woodbury.places_at_vertices,
+    block_woodbury.seen_by_rows,
+    block_woodbury.small_matrix,
+    block_woodbury.sums_at_places,
     closest_points.closest_in_triangle,
     deformation.fitted_gradients,
+    energy.carried_back,
     fit_to_surface.fitting_offsets,
     flip_guard.shares_without_tilt,
+    fold_smoother.tilted_faces,
     gradients.carried_changes,
     gradients.chip_rates,
     gradients.growth_directions,
     gradients.sampled_means,
     sliding.both_spreads,
+    triangle_energy.diagonal_blocks,
+    triangle_energy.energy_product,
+    triangle_energy.strains,
+    vertex_rows.row_products,
+    vertex_rows.row_sums,
+    vertex_rows.squared_product,
     whitening.spread_masses_by_rows,
 ]
 MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.marking.loops"
 CHIP_LOOPS = "meshmark_plugins.schemes.apex.chips.loops"
+LINEAR_LOOPS = "meshmark_plugins.schemes.apex.linear_algebra.loops"
 # What loops have in common.
 SHARED = {"area_normal", "cross", "norm"}
 TOLERANCE = 1e-12
@@ -203,15 +230,66 @@ def test_chips_and_their_rates(crumpled, n_bins):
 @settings(max_examples=30)
 def test_spreads(crumpled):
     V, F, _ = crumpled
-    cost = sliding.SlidingCost(F, len(V))
+    cost = sliding.SlidingCost(F)
     agree(sliding.both_spreads, V, F, cost._edges, cost._edge_at)
+
+
+@given(crumpled_meshes(), st.sampled_from([0.35, 0.9]))
+@settings(max_examples=30)
+def test_tilted_faces(crumpled, least_cosine):
+    V, F, rng = crumpled
+    G, moves = rng.normal(size=(*V.shape, 3)), 0.3 * edge_length(V, F) * rng.normal(size=V.shape)
+    some = rng.integers(len(F), size=20)
+    agree(fold_smoother.tilted_faces, V, G, F, some, moves, least_cosine)
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
+def test_energies(crumpled):
+    V, F, rng = crumpled
+    blocks, G = rng.normal(size=(2, *V.shape, 3))
+    sides, areas = rng.normal(size=F.shape), rng.uniform(0.1, 1.0, len(F))
+    agree(energy.carried_back, blocks, G)
+    agree(triangle_energy.energy_product, blocks, F, sides, V.ravel())
+    agree(triangle_energy.diagonal_blocks, blocks, F, sides)
+    agree(triangle_energy.strains, F, sides, areas, V.ravel())
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 3))
+@settings(max_examples=30)
+def test_rows_of_vectors(seed, n, poses):
+    rng = np.random.default_rng(seed)
+    matrices = [rng.normal(size=(4, 3 * n)) * (rng.random((4, 3 * n)) < 0.3) for _ in range(poses)]
+    rows = VertexRows.stacked(list(map(csr_matrix, matrices)))
+    J = rows.starts, rows.vertices, rows.vectors
+    weights, d = rng.normal(size=4 * poses), rng.normal(size=3 * n)
+    weights[1] = 0.0
+    agree(vertex_rows.row_products, *J, d)
+    agree(vertex_rows.row_sums, *J, weights, n)
+    agree(vertex_rows.squared_product, *J, weights, d)
+    arguments = (*J[:2], 4, n)
+    places = block_woodbury.places_at_vertices
+    begins, means, place = places(*arguments)
+    for found, wanted in zip((begins, means, place), places.__wrapped__(*arguments), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    mean = (
+        begins,
+        means,
+        agree(block_woodbury.sums_at_places, J[0], J[2], place, weights, len(means)),
+    )
+    blocks = rng.normal(size=(n, 3, 3))
+    blocks = blocks @ np.swapaxes(blocks, 1, 2) + np.eye(3)
+    inverse = agree(block_woodbury.inverted_blocks, blocks)
+    agree(block_woodbury.small_matrix, *mean, inverse, 4)
+    agree(block_woodbury.seen_by_rows, *mean, inverse, d, 4)
+    agree(block_woodbury.corrected, *mean, inverse, d, rng.normal(size=4))
 
 
 def test_each_loop_has_a_twin_of_the_same_parameters():
     """A loop that no function uses would not be tested; one with others would go wrong."""
     public = {
         name: loop
-        for loops in map(kernels.load_loops, (MESH_LOOPS, APEX_LOOPS, CHIP_LOOPS))
+        for loops in map(kernels.load_loops, (MESH_LOOPS, APEX_LOOPS, CHIP_LOOPS, LINEAR_LOOPS))
         for name, loop in vars(loops).items()
         if hasattr(loop, "py_func") and not name.startswith("_") and name not in SHARED
     }

@@ -38,7 +38,7 @@ def on_right(V):
 
 def test_sliding_along_a_plane_costs_one_and_leaving_it_much_more():
     V, F = plane(5)
-    cost = SlidingCost(F, len(V)).cost(V)[inner(V)]
+    cost = SlidingCost(F).cost(V)[inner(V)]
     np.testing.assert_allclose(
         cost, np.broadcast_to(np.diag([1, 1, 1 + 1 / REFERENCE_SPREAD]), cost.shape)
     )
@@ -46,7 +46,7 @@ def test_sliding_along_a_plane_costs_one_and_leaving_it_much_more():
 
 def test_leaving_a_border_costs_and_sliding_along_it_does_not():
     V, F = plane(9)
-    cost = SlidingCost(F, len(V)).cost(V)
+    cost = SlidingCost(F).cost(V)
     assert np.all(cost[on_right(V), 0, 0] > 0.1 / REFERENCE_SPREAD)
     np.testing.assert_allclose(cost[on_right(V), 1, 1], 1.0)
 
@@ -58,7 +58,7 @@ def test_the_rim_of_a_thin_sheet_holds_where_its_normals_do_not():
     back = np.where(border, np.arange(len(V)), len(V) + np.cumsum(~border) - 1)
     sheet = np.concatenate([F, back[F][:, ::-1]])
     both = np.concatenate([V, V[~border]])
-    sliding = SlidingCost(sheet, len(both))
+    sliding = SlidingCost(sheet)
     right = on_right(both)
     np.testing.assert_allclose(sliding.normal_spread(both)[right, 0, 0], 0.0, atol=1e-12)
     assert np.all(sliding.cost(both)[right, 0, 0] > 0.3 / REFERENCE_SPREAD)
@@ -69,7 +69,7 @@ def test_rims_turn_with_the_mesh_and_are_small_on_what_is_smooth():
     rims = []
     for level in (2, 3):
         V, F = icosphere(level)
-        sliding = SlidingCost(F, len(V))
+        sliding = SlidingCost(F)
         turned = ROTATION @ sliding.rim_spread(V) @ ROTATION.T
         np.testing.assert_allclose(sliding.rim_spread(V @ ROTATION.T), turned, atol=1e-12)
         # All of it along the normals, which cost as much already.
@@ -84,7 +84,7 @@ def test_rims_turn_with_the_mesh_and_are_small_on_what_is_smooth():
 
 def test_sliding_over_a_bend_costs_more():
     V, F = torus(60, 30)
-    cost = SlidingCost(F, len(V)).cost(V)
+    cost = SlidingCost(F).cost(V)
     assert np.linalg.eigvalsh(cost)[:, 0].min() >= 1.0
     # Along the outer rim the way around the tube bends more than the one around the axis.
     rim = np.argmax(V[:, 0])

@@ -37,7 +37,7 @@ def conjugate_gradients(
     steadily; here a handful of steps must do.
     """
     apply = preconditioner if callable(preconditioner) else lambda r: preconditioner * r
-    r = b - A @ x
+    r = b - A @ x if x.any() else b
     z = apply(r)
     p = z
     rz = float(r @ z)

@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.geometry import vertex_areas
+from meshmark_plugins.schemes.apex.linear_algebra.triangle_energy import (
+    diagonal_blocks,
+    energy_product,
+)
 from meshmark_plugins.schemes.apex.marking.sliding import SlidingCost
 from meshmark_plugins.schemes.apex.marking.stretching import StretchingEnergy, stretching_energy
 
@@ -36,28 +40,36 @@ class DisplacementEnergy:
     def weighted(self, moving: FloatArray, stretching: FloatArray) -> WeightedEnergy:
         """Make moving vertex i `moving[i]`, and stretching triangle f `stretching[f]` as dear."""
         return WeightedEnergy(
-            self.blocks * moving[:, None, None], self.stretching.matrix(stretching)
+            self.blocks * moving[:, None, None],
+            self.stretching.F,
+            self.stretching.side_costs(stretching),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedEnergy:
-    """An energy as an operator on displacements (3 N,), with its inverse block diagonal."""
+    """An energy as an operator on displacements (3 N,), with its block diagonal.
+
+    Parameters
+    ----------
+    blocks : (N, 3, 3) float64
+        Cost of moving each vertex, by direction.
+    F : (F, 3) int
+        Triangles.
+    side_costs : (F, 3) float64
+        Cost of moving the ends of the side opposite to each corner apart.
+    """
 
     blocks: FloatArray
-    stretch: csr_matrix
+    F: IntArray
+    side_costs: FloatArray
 
     def __matmul__(self, d: FloatArray) -> FloatArray:
-        moves = d.reshape(-1, 3)
-        own = np.einsum("nij,nj->ni", self.blocks, moves)
-        return (own + self.stretch @ moves).ravel()
+        return energy_product(self.blocks, self.F, self.side_costs, d)
 
-    def inverse_blocks(self) -> bsr_matrix:
-        """Invert the block diagonal, (3 N, 3 N) sparse."""
-        n = len(self.blocks)
-        diagonal = self.stretch.diagonal()[:, None, None] * np.eye(3)
-        inverse = np.linalg.inv(self.blocks + diagonal)
-        return bsr_matrix((inverse, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
+    def diagonal_blocks(self) -> FloatArray:
+        """Return the block diagonal, (N, 3, 3)."""
+        return diagonal_blocks(self.blocks, self.F, self.side_costs)
 
 
 def guard_weights(H: FloatArray) -> FloatArray:
@@ -76,13 +88,19 @@ def energy_over_poses(
     poses : list of ((N, 3), (N, 3, 3)) float64
         Positions in each pose, and the gradients that carry displacements there.
     """
-    sliding = SlidingCost(F, len(V))
-    carried = [
-        np.einsum("nji,njk,nkl->nil", G, sliding.cost(P), G, optimize=True) for P, G in poses
-    ]
+    sliding = SlidingCost(F)
+    blocks = np.zeros((len(V), 3, 3))
+    for P, G in poses:
+        blocks += carried_back(sliding.cost(P), G)
     share = vertex_areas(V, F)
     share = share / share.sum()
     return DisplacementEnergy(
-        blocks=np.mean(carried, axis=0) * share[:, None, None],
+        blocks=blocks / len(poses) * share[:, None, None],
         stretching=stretching_energy(V, F, width),
     )
+
+
+@compiled
+def carried_back(cost: FloatArray, G: FloatArray) -> FloatArray:
+    """Cost G^T C G of displacements that gradients G carry to where C is their cost, (N, 3, 3)."""
+    return np.swapaxes(G, 1, 2) @ cost @ G

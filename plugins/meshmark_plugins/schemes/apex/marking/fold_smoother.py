@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import BoolArray, FloatArray, IntArray
+from meshmark.kernels import compiled
 from meshmark.mesh.flip_guard import face_normals
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.topology import any_corner, vertex_adjacency
@@ -33,8 +33,7 @@ class FoldSmoother:
     def __init__(
         self, F: IntArray, root_area: float, poses: list[tuple[FloatArray, FloatArray]]
     ) -> None:
-        self._F, self._root_area, self._poses = F, root_area, poses
-        self._normals = [face_normals(P, F) for P, _ in poses]
+        self._F, self._poses = F, [(P, root_area * G) for P, G in poses]
         adjacency = vertex_adjacency(F, len(poses[0][0])).astype(np.float64)
         degree = np.maximum(np.asarray(adjacency.sum(axis=1)).ravel(), 1.0)
         self._mean = csr_matrix(diags_array(1.0 / degree) @ adjacency)
@@ -65,15 +64,28 @@ class FoldSmoother:
             suspects = np.flatnonzero(any_corner(moved, self._F))
         return moves.ravel()
 
-    def folded_faces(self, moves: FloatArray, faces: IntArray) -> NDArray[np.bool_]:
+    def folded_faces(self, moves: FloatArray, faces: IntArray) -> BoolArray:
         """Which of some faces (n,) tilt too far in some pose, (n,) bool, for moves (N, 3)."""
-        F = self._F[faces]
-        used = np.unique(F)
         folded = np.zeros(len(faces), dtype=bool)
-        for (P, G), normals in zip(self._poses, self._normals, strict=True):
-            X = P.copy()
-            X[used] += self._root_area * np.einsum("nij,nj->ni", G[used], moves[used])
-            before, after = normals[faces], face_normals(X, F)
-            size = lengths(before) * lengths(after)
-            folded |= np.einsum("ij,ij->i", before, after) < MIN_TILT_COSINE * size
+        for P, G in self._poses:
+            folded |= tilted_faces(P, G, self._F, faces, moves, MIN_TILT_COSINE)
         return folded
+
+
+@compiled
+def tilted_faces(
+    V: FloatArray,
+    G: FloatArray,
+    F: IntArray,
+    faces: IntArray,
+    moves: FloatArray,
+    least_cosine: float,
+) -> BoolArray:
+    """Which of some triangles (n,) tilt by a smaller cosine, (n,), for moves (N, 3) times G."""
+    corners = F[faces]
+    used = np.unique(corners)
+    X = V.copy()
+    X[used] += np.einsum("nij,nj->ni", G[used], moves[used])
+    before, after = face_normals(V, corners), face_normals(X, corners)
+    size = lengths(before) * lengths(after)
+    return np.einsum("ij,ij->i", before, after) < least_cosine * size

@@ -10,7 +10,7 @@ from math import factorial
 
 import numpy as np
 
-from meshmark.arrays import FloatArray, Int32Array, IntArray
+from meshmark.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from meshmark.kernels import compile_loop
 from meshmark.mesh.geometry import TINY
 from meshmark.mesh.loops import area_normal, norm
@@ -305,3 +305,43 @@ def fitting_offsets(
             r[v] -= rz / curvature * Ap[v]
         before = rz
     return offsets
+
+
+@compile_loop
+def carried_back(cost: FloatArray, G: FloatArray) -> FloatArray:
+    """Do what the function in `energy` does."""
+    found = np.empty_like(cost)
+    side = np.empty((3, 3))
+    for n in range(len(cost)):
+        C, A = cost[n], G[n]
+        for i in range(3):
+            for j in range(3):
+                side[i, j] = C[i, 0] * A[0, j] + C[i, 1] * A[1, j] + C[i, 2] * A[2, j]
+        for i in range(3):
+            for j in range(3):
+                found[n, i, j] = A[0, i] * side[0, j] + A[1, i] * side[1, j] + A[2, i] * side[2, j]
+    return found
+
+
+@compile_loop
+def tilted_faces(
+    V: FloatArray,
+    G: FloatArray,
+    F: IntArray,
+    faces: IntArray,
+    moves: FloatArray,
+    least_cosine: float,
+) -> BoolArray:
+    """Do what the function in `fold_smoother` does."""
+    tilted, X = np.empty(len(faces), np.bool_), np.empty((3, 3))
+    for f in range(len(faces)):
+        for k in range(3):
+            v = F[faces[f], k]
+            x, y, z = moves[v, 0], moves[v, 1], moves[v, 2]
+            for i in range(3):
+                X[k, i] = V[v, i] + (G[v, i, 0] * x + G[v, i, 1] * y + G[v, i, 2] * z)
+        px, py, pz = area_normal(V, F[faces[f], 0], F[faces[f], 1], F[faces[f], 2])
+        qx, qy, qz = area_normal(X, 0, 1, 2)
+        size = norm(px, py, pz) * norm(qx, qy, qz)
+        tilted[f] = px * qx + py * qy + pz * qz < least_cosine * size
+    return tilted

@@ -7,6 +7,7 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
+from meshmark.mesh.remembered import read_only, remembered
 
 # Spread of the normals about a vertex at which sliding costs twice what it costs on a plane.
 REFERENCE_SPREAD = 0.003
@@ -19,8 +20,6 @@ class SlidingCost:
     ----------
     F : (F, 3) int
         Triangles.
-    n_points : int
-        N.
 
     Notes
     -----
@@ -39,11 +38,9 @@ class SlidingCost:
        Experimental Mathematics 2(1), 1993. doi:10.1080/10586458.1993.10504266
     """
 
-    def __init__(self, F: IntArray, n_points: int) -> None:
+    def __init__(self, F: IntArray) -> None:
         self._F = F
-        half = np.sort(np.stack([F, np.roll(F, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        keys, self._edge_at = np.unique(half @ [n_points, 1], return_inverse=True)
-        self._edges = np.stack(np.divmod(keys, n_points), axis=1)
+        self._edges, self._edge_at = _edges_of_corners(F)
 
     def cost(self, V: FloatArray) -> FloatArray:
         """Cost of moving each vertex of V (N, 3), (N, 3, 3): 1 along planes, much more off them."""
@@ -63,6 +60,15 @@ class SlidingCost:
         0 where the surface is flat; its trace is up to 8 / 3 where it turns back on itself.
         """
         return _rim_spread(V, self._F, self._edges, self._edge_at)
+
+
+@remembered
+def _edges_of_corners(F: IntArray) -> tuple[IntArray, IntArray]:
+    """List vertices of edges (E, 2), and which edge follows each corner (3 F,)."""
+    n = int(F.max(initial=0)) + 1
+    half = np.sort(np.stack([F, np.roll(F, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    keys, edge_at = np.unique(half @ [n, 1], return_inverse=True)
+    return read_only(np.stack(np.divmod(keys, n), axis=1)), read_only(edge_at)
 
 
 @compiled

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.laplacian import stiffness_matrix
+from meshmark_plugins.schemes.apex.linear_algebra.triangle_energy import strains
 
 # Weight of stretching beside moving, for stretches over a bin.
 STRETCHING_WEIGHT = 3.0
@@ -45,17 +46,15 @@ class StretchingEnergy:
 
     def strains(self, d: FloatArray) -> FloatArray:
         """Frobenius norm of the gradient of a displacement (3 N,) in each triangle, (F,)."""
-        moves = d.reshape(-1, 3)[self.F]
-        square = np.zeros(len(self.F))
-        for k in range(3):
-            change = moves[:, (k + 2) % 3] - moves[:, (k + 1) % 3]
-            square += self.corner_products[:, k] * np.einsum("fx,fx->f", change, change)
-        return np.sqrt(np.maximum(square, 0.0)) / self.double_areas
+        return strains(self.F, self.corner_products, self.double_areas, d)
+
+    def side_costs(self, factor: FloatArray | float = 1.0) -> FloatArray:
+        """Cost of moving the ends of each side apart, (F, 3), triangles `factor` times as dear."""
+        return 0.5 * self.corner_products * (factor * self.weight / self.double_areas)[:, None]
 
     def matrix(self, factor: FloatArray | float = 1.0) -> csr_matrix:
         """Assemble the cost (N, N), each triangle made `factor` times as dear."""
-        by_corner = 0.5 * self.corner_products * (factor * self.weight / self.double_areas)[:, None]
-        return stiffness_matrix(self.F, by_corner, self.n_points)
+        return stiffness_matrix(self.F, self.side_costs(factor), self.n_points)
 
 
 def stretching_energy(V: FloatArray, F: IntArray, width: float) -> StretchingEnergy:
