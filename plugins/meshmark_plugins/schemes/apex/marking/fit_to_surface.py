@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import area_vectors, face_areas, normalized, vertex_normals
+from meshmark.mesh.geometry import face_areas, vertex_normals
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 CG_ITERATIONS = 8
@@ -19,9 +19,7 @@ FIT_DAMPING = 0.02
 _TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 
 
-def fit_to_surface(
-    V: FloatArray, F: IntArray, original: ClosestPoints, near: IntArray | None = None
-) -> FloatArray:
+def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
     """Fit a surface to another one, moving vertices along their normals only.
 
     Parameters
@@ -32,8 +30,6 @@ def fit_to_surface(
         Triangles.
     original : ClosestPoints
         The surface to lie on.
-    near : (N,) int, optional
-        Triangle of the original that each vertex is nearest to; fitting takes half the time then.
 
     Returns
     -------
@@ -51,52 +47,53 @@ def fit_to_surface(
     .. [1] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
-    samples = np.einsum("sk,fkx->fsx", _TRIANGLE_SAMPLES, V[F])
-    # Each sample is nearest to one corner.
-    face = original.faces(samples.reshape(-1, 3), None if near is None else near[F.ravel()])
-    return fitted_to_planes(
+    samples = _TRIANGLE_SAMPLES @ V[F]
+    P, M = original.planes(original.faces(samples.reshape(-1, 3)))
+    planes = P.reshape(samples.shape), M.reshape(samples.shape)
+    areas, normals = face_areas(V, F), vertex_normals(V, F)
+    weight = np.maximum(areas, 1e-3 * areas.mean())
+    offsets = fitting_offsets(
         V,
         F,
+        normals,
+        weight,
         _TRIANGLE_SAMPLES,
-        original.V,
-        original.F,
-        face.reshape(samples.shape[:2]),
+        *planes,
         FIT_DAMPING,
         CG_ITERATIONS,
         CG_TOLERANCE,
     )
+    return V + offsets[:, None] * normals
 
 
 @compiled
-def fitted_to_planes(
+def fitting_offsets(
     V: FloatArray,
     F: IntArray,
+    normals: FloatArray,
+    weight: FloatArray,
     samples: FloatArray,
-    V0: FloatArray,
-    F0: IntArray,
-    face: IntArray,
+    P: FloatArray,
+    M: FloatArray,
     damping: float,
     iterations: int,
     tolerance: float,
 ) -> FloatArray:
-    """Move vertices (N, 3) along their normals, so that samples are drawn to planes.
+    """Solve for the offsets along normals (N, 3) that draw samples to planes, (N,).
 
     Parameters
     ----------
+    weight : (F,) float64
+        That of a sample of each triangle.
     samples : (S, 3) float64
         Barycentric coordinates.
-    V0, F0 : (M, 3) float64, (G, 3) int
-        Vertices and triangles of another surface.
-    face : (F, S) int
-        The triangle whose plane each sample is drawn to; nowhere by one without area.
+    P, M : (F, S, 3) float64
+        A point of the plane of each sample, and its unit normal.
     damping : float
         Weight of staying, beside that of fitting.
     iterations, tolerance
         Of conjugate gradients.
     """
-    areas, normals = face_areas(V, F), vertex_normals(V, F)
-    weight = np.maximum(areas, 1e-3 * areas.mean())
-    P, M = V0[F0[face, 0]], normalized(area_vectors(V0, F0))[face]
     off = np.einsum("fsx,fsx->fs", P - samples @ V[F], M)
     # How far each sample moves towards its plane with each corner.
     rates = (M @ normals[F].swapaxes(1, 2)) * samples
@@ -111,5 +108,4 @@ def fitted_to_planes(
     stay = damping * (diagonal + 1e-3 * diagonal.mean())
     A = csr_matrix(A + diags_array(stay))
     x = np.zeros(len(V))
-    x = conjugate_gradients(A, b, x, 1.0 / (diagonal + stay), iterations, tolerance)
-    return V + x[:, None] * normals
+    return conjugate_gradients(A, b, x, 1.0 / (diagonal + stay), iterations, tolerance)
