@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshmark.arrays import FloatArray, IntArray
-from meshmark.mesh.closest_points import closest_in_triangle, plane_weights
+from meshmark.mesh.closest_in_triangle import closest_in_triangle, plane_weights
 from meshmark.mesh.geometry import area_vectors, lengths, normalized, sum_at_corners
 from meshmark.mesh.topology import face_adjacency, graph_components
 

@@ -20,41 +20,105 @@ Point: TypeAlias = tuple[float, float, float]
 
 @compile_loop
 def closest_in_triangle(P: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Do what the function in `meshmark.mesh.closest_points` does."""
+    """Do what the function in `meshmark.mesh.closest_in_triangle` does."""
     weights = np.empty((len(P), 3))
     for i in range(len(P)):
-        ux, uy, uz = b[i, 0] - a[i, 0], b[i, 1] - a[i, 1], b[i, 2] - a[i, 2]
-        vx, vy, vz = c[i, 0] - a[i, 0], c[i, 1] - a[i, 1], c[i, 2] - a[i, 2]
-        wx, wy, wz = P[i, 0] - a[i, 0], P[i, 1] - a[i, 1], P[i, 2] - a[i, 2]
-        uu, uv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz
-        vv = vx * vx + vy * vy + vz * vz
-        wu, wv = wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz
-        determinant = uu * vv - uv * uv
-        if determinant > FLAT * uu * vv:
-            s, t = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
-            if s >= 0.0 and t >= 0.0 and 1.0 - s - t >= 0.0:
-                weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - s - t, s, t
-                continue
-        # The foot of the perpendicular is outside: the closest point lies on an edge.
-        least = np.inf
-        for k in range(3):
-            if k == 0:
-                px, py, pz, ex, ey, ez = wx, wy, wz, ux, uy, uz
-            elif k == 1:
-                px, py, pz = wx - ux, wy - uy, wz - uz
-                ex, ey, ez = vx - ux, vy - uy, vz - uz
-            else:
-                px, py, pz, ex, ey, ez = wx - vx, wy - vy, wz - vz, -vx, -vy, -vz
-            ee = ex * ex + ey * ey + ez * ez
-            share = (px * ex + py * ey + pz * ez) / ee if ee > 0.0 else 0.0
-            share = min(max(share, 0.0), 1.0)
-            dx, dy, dz = px - share * ex, py - share * ey, pz - share * ez
-            square = dx * dx + dy * dy + dz * dz
-            if square < least:
-                least = square
-                weights[i, k], weights[i, (k + 1) % 3] = 1.0 - share, share
-                weights[i, (k + 2) % 3] = 0.0
+        u = b[i, 0] - a[i, 0], b[i, 1] - a[i, 1], b[i, 2] - a[i, 2]
+        v = c[i, 0] - a[i, 0], c[i, 1] - a[i, 1], c[i, 2] - a[i, 2]
+        w = P[i, 0] - a[i, 0], P[i, 1] - a[i, 1], P[i, 2] - a[i, 2]
+        weights[i, 0], weights[i, 1], weights[i, 2], _ = closest_weights(w, u, v)
     return weights
+
+
+@compile_loop
+def closest_weights(w: Point, u: Point, v: Point) -> tuple[float, float, float, float]:
+    """Weights of 0, u and v in the point of their triangle closest to w, and its square from w."""
+    uu, uv, vv, wu, wv = dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v)
+    determinant = uu * vv - uv * uv
+    flat = not determinant > FLAT * uu * vv
+    s, t = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
+    r = 1.0 - s - t
+    if not flat and r >= 0.0 and s >= 0.0 and t >= 0.0:
+        d = w[0] - s * u[0] - t * v[0], w[1] - s * u[1] - t * v[1], w[2] - s * u[2] - t * v[2]
+        return r, s, t, dot(d, d)
+    # The way to the triangle leads through a side that parts it from the point.
+    least, best = np.inf, (1.0, 0.0, 0.0)
+    if flat or t < 0.0:
+        share, square = _closest_share(w, u)
+        if square < least:
+            least, best = square, (1.0 - share, share, 0.0)
+    if flat or r < 0.0:
+        to_u = w[0] - u[0], w[1] - u[1], w[2] - u[2]
+        share, square = _closest_share(to_u, (v[0] - u[0], v[1] - u[1], v[2] - u[2]))
+        if square < least:
+            least, best = square, (0.0, 1.0 - share, share)
+    if flat or s < 0.0:
+        to_v = w[0] - v[0], w[1] - v[1], w[2] - v[2]
+        share, square = _closest_share(to_v, (-v[0], -v[1], -v[2]))
+        if square < least:
+            least, best = square, (share, 0.0, 1.0 - share)
+    return best[0], best[1], best[2], least
+
+
+@compile_loop
+def _closest_share(w: Point, u: Point) -> tuple[float, float]:
+    """Part of the way from 0 to u that is closest to w, and the square of its distance."""
+    uu = dot(u, u)
+    share = min(max(dot(w, u) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    d = w[0] - share * u[0], w[1] - share * u[1], w[2] - share * u[2]
+    return share, dot(d, d)
+
+
+@compile_loop
+def walked(
+    V: FloatArray,
+    F: IntArray,
+    start: IntArray,
+    about: IntArray,
+    border: BoolArray,
+    Q: FloatArray,
+    near: IntArray,
+) -> IntArray:
+    """Do what the function in `meshmark.mesh.surface_walk` does."""
+    found = near.copy()
+    for i in range(len(Q)):
+        face = found[i]
+        least, first, second = _look(V, F, face, Q, i)
+        while first >= 0:
+            nearest, square, one, two = face, least, -1, -1
+            for h in range(start[first], start[first + 1]):
+                f = about[h]
+                if f == face or not (second < 0 or second in (F[f, 0], F[f, 1], F[f, 2])):
+                    continue
+                there, a, b = _look(V, F, f, Q, i)
+                if there < square:
+                    nearest, square, one, two = f, there, a, b
+            if nearest == face:
+                break
+            face, least, first, second = nearest, square, one, two
+        ends = first >= 0 and border[first] and (second < 0 or border[second])
+        found[i] = -1 if ends else face
+    return found
+
+
+@compile_loop
+def _look(V: FloatArray, F: IntArray, f: int, Q: FloatArray, i: int) -> tuple[float, int, int]:
+    """Square of a query's distance from a triangle, and the ends of the side it is closest to.
+
+    Of a corner that it is closest to, and -1; or twice -1 inside.
+    """
+    a, b, c = F[f, 0], F[f, 1], F[f, 2]
+    w = Q[i, 0] - V[a, 0], Q[i, 1] - V[a, 1], Q[i, 2] - V[a, 2]
+    u = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
+    v = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
+    r, s, t, square = closest_weights(w, u, v)
+    if r > 0.0 and s > 0.0 and t > 0.0:
+        return square, -1, -1
+    if r > 0.0:
+        return square, a, b if s > 0.0 else c if t > 0.0 else -1
+    if s > 0.0:
+        return square, b, c if t > 0.0 else -1
+    return square, c, -1
 
 
 @compile_loop
@@ -225,6 +289,12 @@ def area_normal(V: FloatArray, a: int, b: int, c: int) -> Point:
 def cross(ux: float, uy: float, uz: float, vx: float, vy: float, vz: float) -> Point:
     """Compute the cross product u x v."""
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@compile_loop
+def dot(u: Point, v: Point) -> float:
+    """Compute the scalar product of two vectors."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
 @compile_loop

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from meshmark.arrays import BoolArray, FloatArray, IntArray
-from meshmark.mesh.closest_points import closest_on_edges
+from meshmark.mesh.closest_in_triangle import closest_on_edges
 from meshmark.mesh.geometry import FLAT, lengths
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import UsageError
 from meshmark.mesh.charts import Charts
-from meshmark.mesh.closest_points import ClosestPoints, plane_weights
+from meshmark.mesh.closest_in_triangle import plane_weights
+from meshmark.mesh.closest_points import ClosestPoints
 
 # Width of the map that a drift is told in, where nothing else is known: what film calls 4k.
 TEXELS = 4096

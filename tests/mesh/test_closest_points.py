@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshmark.mesh.closest_points import ClosestPoints, closest_in_triangle, sample_surface
+from meshmark.mesh.closest_in_triangle import closest_in_triangle
+from meshmark.mesh.closest_points import ClosestPoints, sample_surface
+from meshmark.mesh.geometry import normalized
 from meshmark.testing.attacks import sphere
-from meshmark.testing.meshes import icosphere
+from meshmark.testing.meshes import icosphere, plane
 
 TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
 
@@ -108,11 +110,29 @@ def test_a_surface_without_area_is_sampled_by_faces(V):
     assert found < 0.05 * max(float(np.ptp(V)), 1e-9)
 
 
-def test_planes_of_triangles_hold_their_corners():
-    V, F = icosphere(1)
-    P, n = ClosestPoints(V, F).planes(np.arange(len(F)))
-    np.testing.assert_allclose(np.einsum("fkx,fx->fk", V[F] - P[:, None], n), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0)
-    # A triangle without area has no plane.
-    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    np.testing.assert_array_equal(ClosestPoints(line, np.array([[0, 1, 2]])).planes([0])[1], 0.0)
+def test_walks_over_a_ball_end_where_it_is_closest():
+    V, F = icosphere(3)
+    # A few triangles away, and outside: seen from within, a ball of flat triangles has many
+    # points that are closer than all around them.
+    Q = 1.2 * normalized(V[F[:, 0]] + 0.2 * np.random.default_rng(2).normal(size=F.shape))
+    near = np.arange(len(F))
+    surface = ClosestPoints(V, F)
+    wanted, found = surface.faces(Q), surface.faces(Q, near)
+    assert np.mean(found == near) < 0.5
+    far = [np.linalg.norm(surface.points_in(face, Q) - Q, axis=1) for face in (wanted, found)]
+    np.testing.assert_allclose(*far, atol=1e-12)
+
+
+def test_walks_stay_on_their_sheet_but_do_not_end_at_its_border():
+    V, F = plane(5)
+    step, far = np.ptp(V, axis=0) * [1.0, 0.0, 0.0], [0.0, 0.0, 0.1]
+    # Two halves side by side, and a sheet over the first.
+    surface = ClosestPoints(
+        np.concatenate([V, V + step, V + far]),
+        np.concatenate([F, F + len(V), F + 2 * len(V)]),
+    )
+    inside = V[F].mean(axis=1)
+    start = np.arange(len(F))
+    found = surface.faces(inside + np.multiply(0.9, far), start)
+    np.testing.assert_array_equal(found, start)
+    np.testing.assert_array_equal(surface.faces(inside + step, start), start + len(F))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_matrix
 
 from meshmark import kernels
-from meshmark.mesh import closest_points, deformation, flip_guard
+from meshmark.mesh import closest_in_triangle, deformation, flip_guard, surface_walk
 from meshmark.mesh.geometry import edge_length
 from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
@@ -46,10 +46,10 @@ TWINS = [
     block_woodbury.seen_by_rows,
     block_woodbury.small_matrix,
     block_woodbury.sums_at_places,
-    closest_points.closest_in_triangle,
+    closest_in_triangle.closest_in_triangle,
     deformation.fitted_gradients,
     energy.carried_back,
-    fit_to_surface.fitting_offsets,
+    fit_to_surface.fitted_to_planes,
     flip_guard.shares_without_tilt,
     fold_smoother.tilted_faces,
     gradients.carried_changes,
@@ -57,6 +57,7 @@ TWINS = [
     gradients.growth_directions,
     gradients.sampled_means,
     sliding.both_spreads,
+    surface_walk.walked,
     triangle_energy.diagonal_blocks,
     triangle_energy.energy_product,
     triangle_energy.strains,
@@ -69,7 +70,7 @@ MESH_LOOPS, APEX_LOOPS = "meshmark.mesh.loops", "meshmark_plugins.schemes.apex.m
 CHIP_LOOPS = "meshmark_plugins.schemes.apex.chips.loops"
 LINEAR_LOOPS = "meshmark_plugins.schemes.apex.linear_algebra.loops"
 # What loops have in common.
-SHARED = {"area_normal", "cross", "norm"}
+SHARED = {"area_normal", "closest_weights", "cross", "dot", "norm"}
 TOLERANCE = 1e-12
 
 
@@ -110,7 +111,7 @@ def test_closest_points_in_triangles(crumpled):
     V, F, rng = crumpled
     P = V[rng.integers(len(V), size=len(F))] + 0.1 * rng.normal(size=F.shape)
     P[::5] = V[F[::5, 1]]
-    find, corners = closest_points.closest_in_triangle, V[F]
+    find, corners = closest_in_triangle.closest_in_triangle, V[F]
     # Where two points of a triangle are as close as each other, either will do.
     both = [weigh(P, *corners.swapaxes(0, 1)) for weigh in (find, find.__wrapped__)]
     for weights in both:
@@ -124,28 +125,32 @@ def test_closest_points_in_triangles(crumpled):
 
 @given(crumpled_meshes(), st.integers(0, 12))
 @settings(max_examples=30)
-def test_offsets_that_fit_surfaces(crumpled, iterations):
+def test_fitted_surfaces(crumpled, iterations):
     V, F, rng = crumpled
-    shape = (len(F), 3, 3)
-    samples = rng.dirichlet(np.ones(3), size=3)
-    planes = samples @ V[F] + 0.1 * rng.normal(size=shape), normalized_rows(rng.normal(size=shape))
-    normals, weight = normalized_rows(rng.normal(size=V.shape)), rng.uniform(0.1, 1.0, len(F))
-    agree(
-        fit_to_surface.fitting_offsets,
-        V,
-        F,
-        normals,
-        weight,
-        samples,
-        *planes,
-        0.02,
-        iterations,
-        0.0,
-    )
+    V0, samples = V + 0.1 * rng.normal(size=V.shape), rng.dirichlet(np.ones(3), size=3)
+    face = rng.integers(len(F), size=(len(F), 3))
+    fit = fit_to_surface.fitted_to_planes
+    agree(fit, V, F, samples, V0, F, face, 0.02, iterations, 0.0)
 
 
-def normalized_rows(X: np.ndarray) -> np.ndarray:
-    return X / np.linalg.norm(X, axis=-1, keepdims=True)
+@given(crumpled_meshes(), st.floats(0.0, 1.0))
+@settings(max_examples=30)
+def test_walks(crumpled, size):
+    V, F, rng = crumpled
+    near = rng.integers(len(F), size=50)
+    Q = V[F[near, 0]] + size * rng.normal(size=(50, 3))
+    surface, border = faces_about_vertices(F), rng.random(len(V)) < 0.1
+    walk = surface_walk.walked
+    arguments = (V, F, *surface, border, Q, near)
+    found, wanted = walk(*arguments), walk.__wrapped__(*arguments)
+    np.testing.assert_array_equal(found < 0, wanted < 0)
+    # Of triangles that are as close as each other, any will do.
+    ended, find = found >= 0, closest_in_triangle.closest_in_triangle
+    squares = [
+        ((np.einsum("fk,fkx->fx", find(Q, *corners.swapaxes(0, 1)), corners) - Q) ** 2).sum(axis=1)
+        for corners in (V[F[found]], V[F[wanted]])
+    ]
+    np.testing.assert_allclose(squares[0][ended], squares[1][ended], rtol=1e-9, atol=TOLERANCE)
 
 
 @given(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmark.mesh.closest_points import closest_in_triangle
+from meshmark.mesh.closest_in_triangle import closest_in_triangle
 from meshmark.mesh.geometry import lengths
 from meshmark.mesh.prolongation import prolongation
 from meshmark.mesh.topology import edges

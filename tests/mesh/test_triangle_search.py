@@ -10,7 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from meshmark.mesh import triangle_search as searching
-from meshmark.mesh.closest_points import ClosestPoints, closest_in_triangle
+from meshmark.mesh.closest_in_triangle import closest_in_triangle
+from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.testing.meshes import icosphere
 
 needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")

@@ -20,14 +20,14 @@ def test_a_displacement_is_laid_on_the_surface_and_turns_with_it():
     V, F = torus(60, 30)
     transfer = DisplacementTransfer(V, F)
     d = 0.005 * np.random.default_rng(1).normal(size=V.size)
-    X, share = transfer.apply(V, d, ClosestPoints(V, F))
+    X, share, _ = transfer.apply(V, d, ClosestPoints(V, F))
     # Where a face would have turned over, moves were shortened, across the bend.
     assert share.min() >= 0.0
     assert np.mean(share == 1.0) > 0.9
     assert ClosestPoints(V, F).distances(X[share == 1.0]).max() < 1e-12
-    turned, _ = transfer.apply(V @ ROTATION.T, d, ClosestPoints(V @ ROTATION.T, F))
+    turned, _, _ = transfer.apply(V @ ROTATION.T, d, ClosestPoints(V @ ROTATION.T, F))
     np.testing.assert_allclose(turned, X @ ROTATION.T, atol=1e-4)
-    still, _ = transfer.apply(V, 0.0 * d, ClosestPoints(V, F))
+    still, _, _ = transfer.apply(V, 0.0 * d, ClosestPoints(V, F))
     np.testing.assert_allclose(still, V, atol=1e-12)
 
 

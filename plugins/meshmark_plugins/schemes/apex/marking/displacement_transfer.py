@@ -68,6 +68,13 @@ class DisplacementTransfer:
         """The `search_order` of the triangles."""
         return search_order(self.V, self.F)
 
+    @cached_property
+    def own_faces(self) -> IntArray:
+        """A triangle of each vertex, (N,) int: its moves start there."""
+        own = np.zeros(len(self.V), dtype=np.int64)
+        own[self.F] = np.arange(len(self.F))[:, None]
+        return own
+
     def closest_points(self, P: FloatArray) -> ClosestPoints:
         """Build the surface of another frame, to lie on."""
         return ClosestPoints(P, self.F, self.order)
@@ -78,7 +85,7 @@ class DisplacementTransfer:
         d: FloatArray,
         original: ClosestPoints,
         shares: FloatArray | float = 1.0,
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Apply a displacement (3 n,) to another frame, and lay it on that frame's surface.
 
         Parameters
@@ -98,10 +105,14 @@ class DisplacementTransfer:
             Positions on the surface P, no face turned over.
         share : (N,) float64
             How much of its move that left each vertex.
+        face : (N,) int
+            The triangle of the surface that its whole move would end in.
         """
-        wanted = original.points(P + self.moves(P, d, shares))
+        moved = P + self.moves(P, d, shares)
+        face = original.faces(moved, self.own_faces)
+        wanted = original.points_in(face, moved)
         share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)
-        return P + share[:, None] * (wanted - P), share
+        return P + share[:, None] * (wanted - P), share, face
 
     def moves(self, P: FloatArray, d: FloatArray, shares: FloatArray | float = 1.0) -> FloatArray:
         """Carry a displacement to another frame: moves of its vertices, (N, 3); see `apply`."""

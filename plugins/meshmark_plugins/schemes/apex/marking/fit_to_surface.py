@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags_array
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.closest_points import ClosestPoints
-from meshmark.mesh.geometry import face_areas, vertex_normals
+from meshmark.mesh.geometry import area_vectors, face_areas, normalized, vertex_normals
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 CG_ITERATIONS = 8
@@ -19,7 +19,9 @@ FIT_DAMPING = 0.02
 _TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 
 
-def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> FloatArray:
+def fit_to_surface(
+    V: FloatArray, F: IntArray, original: ClosestPoints, near: IntArray | None = None
+) -> FloatArray:
     """Fit a surface to another one, moving vertices along their normals only.
 
     Parameters
@@ -30,6 +32,8 @@ def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> Float
         Triangles.
     original : ClosestPoints
         The surface to lie on.
+    near : (N,) int, optional
+        Triangle of the original that each vertex is nearest to; fitting takes half the time then.
 
     Returns
     -------
@@ -47,53 +51,52 @@ def fit_to_surface(V: FloatArray, F: IntArray, original: ClosestPoints) -> Float
     .. [1] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
-    samples = _TRIANGLE_SAMPLES @ V[F]
-    P, M = original.planes(original.faces(samples.reshape(-1, 3)))
-    planes = P.reshape(samples.shape), M.reshape(samples.shape)
-    areas, normals = face_areas(V, F), vertex_normals(V, F)
-    weight = np.maximum(areas, 1e-3 * areas.mean())
-    offsets = fitting_offsets(
+    samples = np.einsum("sk,fkx->fsx", _TRIANGLE_SAMPLES, V[F])
+    # Each sample is nearest to one corner.
+    face = original.faces(samples.reshape(-1, 3), None if near is None else near[F.ravel()])
+    return fitted_to_planes(
         V,
         F,
-        normals,
-        weight,
         _TRIANGLE_SAMPLES,
-        *planes,
+        original.V,
+        original.F,
+        face.reshape(samples.shape[:2]),
         FIT_DAMPING,
         CG_ITERATIONS,
         CG_TOLERANCE,
     )
-    return V + offsets[:, None] * normals
 
 
 @compiled
-def fitting_offsets(
+def fitted_to_planes(
     V: FloatArray,
     F: IntArray,
-    normals: FloatArray,
-    weight: FloatArray,
     samples: FloatArray,
-    P: FloatArray,
-    M: FloatArray,
+    V0: FloatArray,
+    F0: IntArray,
+    face: IntArray,
     damping: float,
     iterations: int,
     tolerance: float,
 ) -> FloatArray:
-    """Solve for the offsets along normals (N, 3) that draw samples to planes, (N,).
+    """Move vertices (N, 3) along their normals, so that samples are drawn to planes.
 
     Parameters
     ----------
-    weight : (F,) float64
-        That of a sample of each triangle.
     samples : (S, 3) float64
         Barycentric coordinates.
-    P, M : (F, S, 3) float64
-        A point of the plane of each sample, and its unit normal.
+    V0, F0 : (M, 3) float64, (G, 3) int
+        Vertices and triangles of another surface.
+    face : (F, S) int
+        The triangle whose plane each sample is drawn to; nowhere by one without area.
     damping : float
         Weight of staying, beside that of fitting.
     iterations, tolerance
         Of conjugate gradients.
     """
+    areas, normals = face_areas(V, F), vertex_normals(V, F)
+    weight = np.maximum(areas, 1e-3 * areas.mean())
+    P, M = V0[F0[face, 0]], normalized(area_vectors(V0, F0))[face]
     off = np.einsum("fsx,fsx->fs", P - samples @ V[F], M)
     # How far each sample moves towards its plane with each corner.
     rates = (M @ normals[F].swapaxes(1, 2)) * samples
@@ -108,4 +111,5 @@ def fitting_offsets(
     stay = damping * (diagonal + 1e-3 * diagonal.mean())
     A = csr_matrix(A + diags_array(stay))
     x = np.zeros(len(V))
-    return conjugate_gradients(A, b, x, 1.0 / (diagonal + stay), iterations, tolerance)
+    x = conjugate_gradients(A, b, x, 1.0 / (diagonal + stay), iterations, tolerance)
+    return V + x[:, None] * normals

@@ -13,7 +13,7 @@ import numpy as np
 from meshmark.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from meshmark.kernels import compile_loop
 from meshmark.mesh.geometry import TINY
-from meshmark.mesh.loops import area_normal, norm
+from meshmark.mesh.loops import Point, area_normal, norm
 
 # The series of the sine and of the cosine, the highest power first.
 _SINE = tuple((-1.0) ** n / factorial(2 * n + 1) for n in range(7, -1, -1))
@@ -235,38 +235,52 @@ def _add_square(sums: FloatArray, v: int, weight: float, x: float, y: float, z: 
 
 
 @compile_loop
-def fitting_offsets(
+def fitted_to_planes(
     V: FloatArray,
     F: IntArray,
-    normals: FloatArray,
-    weight: FloatArray,
     samples: FloatArray,
-    P: FloatArray,
-    M: FloatArray,
+    V0: FloatArray,
+    F0: IntArray,
+    face: IntArray,
     damping: float,
     iterations: int,
     tolerance: float,
 ) -> FloatArray:
     """Do what the function in `fit_to_surface` does."""
     n, n_samples = len(V), len(samples)
+    normals, areas, total_area = np.zeros((n, 3)), np.empty(len(F)), 0.0
+    for f in range(len(F)):
+        normal = area_normal(V, F[f, 0], F[f, 1], F[f, 2])
+        areas[f] = 0.5 * norm(*normal)
+        total_area += areas[f]
+        for k in range(3):
+            for x in range(3):
+                normals[F[f, k], x] += 0.5 * normal[x]
+    for v in range(n):
+        normal = _direction(normals[v, 0], normals[v, 1], normals[v, 2])
+        normals[v, 0], normals[v, 1], normals[v, 2] = normal
     # What each face adds to the normal equations.
     blocks, b = np.zeros((len(F), 3, 3)), np.zeros(n)
     diagonal = np.zeros(n)
     rate, total = np.empty(3), 0.0
     for f in range(len(F)):
+        weight = max(areas[f], 1e-3 * total_area / len(F))
         for s in range(n_samples):
+            corner = F0[face[f, s], 0]
+            nx, ny, nz = area_normal(V0, corner, F0[face[f, s], 1], F0[face[f, s], 2])
+            M = _direction(0.5 * nx, 0.5 * ny, 0.5 * nz)
             off = 0.0
             rate[:] = 0.0
             for x in range(3):
                 place = 0.0
                 for k in range(3):
                     place += samples[s, k] * V[F[f, k], x]
-                    rate[k] += samples[s, k] * normals[F[f, k], x] * M[f, s, x]
-                off += (P[f, s, x] - place) * M[f, s, x]
+                    rate[k] += samples[s, k] * normals[F[f, k], x] * M[x]
+                off += (V0[corner, x] - place) * M[x]
             for k in range(3):
-                b[F[f, k]] += weight[f] * off * rate[k]
+                b[F[f, k]] += weight * off * rate[k]
                 for j in range(3):
-                    blocks[f, k, j] += weight[f] * rate[k] * rate[j]
+                    blocks[f, k, j] += weight * rate[k] * rate[j]
         for k in range(3):
             for j in range(3):
                 if F[f, j] == F[f, k]:
@@ -304,7 +318,20 @@ def fitting_offsets(
             offsets[v] += rz / curvature * p[v]
             r[v] -= rz / curvature * Ap[v]
         before = rz
-    return offsets
+    fitted = np.empty((n, 3))
+    for v in range(n):
+        for x in range(3):
+            fitted[v, x] = V[v, x] + offsets[v] * normals[v, x]
+    return fitted
+
+
+@compile_loop
+def _direction(x: float, y: float, z: float) -> Point:
+    """Scale a vector to length 1; it stays 0 without any, as in `normalized`."""
+    length = norm(x, y, z)
+    if not length > TINY:
+        return 0.0, 0.0, 0.0
+    return x / length, y / length, z / length
 
 
 @compile_loop

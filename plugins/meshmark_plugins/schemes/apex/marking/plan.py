@@ -95,8 +95,8 @@ class SurfacePlan:
             return kept.read(place)
         P, F = frame.points, frame.faces
         original = self.transfer.closest_points(P)
-        X, _ = self.transfer.apply(P, self.displacement(index), original, self.share(index))
-        return restrain(P, fit_to_surface(X, F, original), F, np.inf, RAMP)
+        X, _, face = self.transfer.apply(P, self.displacement(index), original, self.share(index))
+        return restrain(P, fit_to_surface(X, F, original, face), F, np.inf, RAMP)
 
     def displacement(self, index: int) -> FloatArray:
         """Blend the displacements of the keyframes before and after a frame, (3 n,)."""
