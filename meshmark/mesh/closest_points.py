@@ -54,18 +54,23 @@ class ClosestPoints:
         face = self.faces(Q)
         return face, closest_in_triangle(Q, *self._corners(face))
 
-    def faces(self, Q: FloatArray, near: IntArray | None = None) -> IntArray:
-        """Find the triangle that is closest to each query, (n,) int.
+    def faces(
+        self, Q: FloatArray, near: IntArray | None = None, tolerance: FloatArray | None = None
+    ) -> IntArray:
+        """Find the triangle that is closest to each query, or one within a tolerance, (n,) int.
 
         Parameters
         ----------
         near : (n,) int, optional
-            A triangle near each query. From there, a walk leads to one that is closer than all
-            around it, in a tenth of the time: the surface may be closer only where it comes back.
+            A triangle near each query, to walk over the surface from.
+        tolerance : (n,) float64, optional
+            Given with `near`: where a walk ends farther from its query than this, all triangles
+            are searched, which takes seven times as long. It may end early where the surface
+            bends.
         """
-        if near is None:
+        if near is None or tolerance is None:
             return self._search.closest(self._local(Q))
-        face = walk_to_closest(self.V, self.F, Q, near)
+        face = walk_to_closest(self.V, self.F, Q, near, tolerance)
         lost = face < 0
         if lost.any():
             face[lost] = self.faces(Q[lost])

@@ -78,6 +78,7 @@ def walked(
     border: BoolArray,
     Q: FloatArray,
     near: IntArray,
+    tolerance: FloatArray,
 ) -> IntArray:
     """Do what the function in `meshmark.mesh.surface_walk` does."""
     found = near.copy()
@@ -97,7 +98,7 @@ def walked(
                 break
             face, least, first, second = nearest, square, one, two
         ends = first >= 0 and border[first] and (second < 0 or border[second])
-        found[i] = -1 if ends else face
+        found[i] = -1 if ends or least > tolerance[i] ** 2 else face
     return found
 
 

@@ -10,7 +10,9 @@ from meshmark.mesh.closest_in_triangle import closest_in_triangle
 from meshmark.mesh.topology import boundary_edges, faces_about_vertices
 
 
-def walk_to_closest(V: FloatArray, F: IntArray, Q: FloatArray, near: IntArray) -> IntArray:
+def walk_to_closest(
+    V: FloatArray, F: IntArray, Q: FloatArray, near: IntArray, tolerance: FloatArray
+) -> IntArray:
     """Walk over a surface from triangles nearby to those that are closer than all around them.
 
     Parameters
@@ -23,17 +25,19 @@ def walk_to_closest(V: FloatArray, F: IntArray, Q: FloatArray, near: IntArray) -
         Query points.
     near : (n,) int
         The triangle where each walk starts.
+    tolerance : (n,) float64
+        How far from its query each walk may end.
 
     Returns
     -------
     (n,) int
         Where it ended: no triangle that has the closest point on its sides, too, is closer. -1
-        where the surface ends, since another piece of it may go on there.
+        farther away, and where the surface ends, since another piece of it may go on there.
     """
     start, about = faces_about_vertices(F)
     border = np.zeros(len(start) - 1, dtype=bool)
     border[boundary_edges(F)] = True
-    return walked(V, F, start, about, border, Q, near)
+    return walked(V, F, start, about, border, Q, near, tolerance)
 
 
 @compiled
@@ -45,6 +49,7 @@ def walked(
     border: BoolArray,
     Q: FloatArray,
     near: IntArray,
+    tolerance: FloatArray,
 ) -> IntArray:
     """Do what `walk_to_closest` does.
 
@@ -77,6 +82,7 @@ def walked(
         rests = np.ones(len(face), dtype=bool)
         rests[row[nearest]] = False
         ends = rests & (border[corners] | ~between).all(axis=1) & ~between.all(axis=1)
+        ends |= rests & (square > tolerance[going] ** 2)
         found[going[ends]] = -1
         found[going[row[nearest]]] = other[nearest]
         going = going[row[nearest]]

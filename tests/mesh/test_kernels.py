@@ -133,15 +133,16 @@ def test_fitted_surfaces(crumpled, iterations):
     agree(fit, V, F, samples, V0, F, face, 0.02, iterations, 0.0)
 
 
-@given(crumpled_meshes(), st.floats(0.0, 1.0))
+@given(crumpled_meshes(), st.floats(0.01, 1.0))
 @settings(max_examples=30)
 def test_walks(crumpled, size):
     V, F, rng = crumpled
     near = rng.integers(len(F), size=50)
     Q = V[F[near, 0]] + size * rng.normal(size=(50, 3))
     surface, border = faces_about_vertices(F), rng.random(len(V)) < 0.1
+    tolerance = rng.choice([0.1 * size, np.inf], size=50)
     walk = surface_walk.walked
-    arguments = (V, F, *surface, border, Q, near)
+    arguments = (V, F, *surface, border, Q, near, tolerance)
     found, wanted = walk(*arguments), walk.__wrapped__(*arguments)
     np.testing.assert_array_equal(found < 0, wanted < 0)
     # Of triangles that are as close as each other, any will do.

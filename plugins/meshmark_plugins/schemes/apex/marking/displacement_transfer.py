@@ -68,13 +68,6 @@ class DisplacementTransfer:
         """The `search_order` of the triangles."""
         return search_order(self.V, self.F)
 
-    @cached_property
-    def own_faces(self) -> IntArray:
-        """A triangle of each vertex, (N,) int: its moves start there."""
-        own = np.zeros(len(self.V), dtype=np.int64)
-        own[self.F] = np.arange(len(self.F))[:, None]
-        return own
-
     def closest_points(self, P: FloatArray) -> ClosestPoints:
         """Build the surface of another frame, to lie on."""
         return ClosestPoints(P, self.F, self.order)
@@ -109,7 +102,7 @@ class DisplacementTransfer:
             The triangle of the surface that its whole move would end in.
         """
         moved = P + self.moves(P, d, shares)
-        face = original.faces(moved, self.own_faces)
+        face = original.faces(moved)
         wanted = original.points_in(face, moved)
         share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)
         return P + share[:, None] * (wanted - P), share, face
