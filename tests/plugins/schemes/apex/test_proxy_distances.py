@@ -100,6 +100,26 @@ def test_ways_begin_at_the_source_as_they_do_on_the_mesh_itself():
     assert np.abs(gaps).max() < 0.08
 
 
+def test_another_pose_tells_how_much_too_long_ways_are_near_a_source():
+    V, F = bumpy_sphere(5, HORNS, width=0.15)
+    x, y, z = V.T
+    turn = 0.3 * z
+    turned = np.stack(
+        [np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, z], axis=1
+    )
+    tips = np.array([np.argmax(V @ horn) for horn in HORNS])
+    proxy = build_proxy(V, F, 2_500)
+    reference = ProxyDistances(V, F, proxy)
+    own = ProxyDistances(turned, F, proxy).to_proxy(tips)
+    told = ProxyDistances(turned, F, proxy, reference=reference).to_proxy(tips)
+    assert np.abs(told - own).max() < 0.05 * BIN
+    assert np.abs(reference.surpluses(tips)).max() > 0.05 * BIN
+    # However many are asked for, and in whatever order.
+    np.testing.assert_array_equal(
+        reference.surpluses(tips), ProxyDistances(V, F, proxy).surpluses(tips[::-1])[::-1]
+    )
+
+
 def test_a_pose_without_area_has_no_distances():
     V, F = plane(40)
     with pytest.raises(CapacityError, match="no area"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame
@@ -72,7 +73,7 @@ class Proxies:
 class MarkingProxies(Proxies):
     """The proxies that a mesh is marked by, and what makes many poses of it quick to measure.
 
-    All is built at once, so that worker processes need not do so.
+    Proxies are built at once, so that worker processes need not do so.
 
     Parameters
     ----------
@@ -85,6 +86,7 @@ class MarkingProxies(Proxies):
     def __init__(self, V: FloatArray, F: IntArray) -> None:
         super().__init__(V, MARKING_PROXY_VERTICES)
         self._topologies: dict[tuple[int, ...], HeatTopology | None] = {}
+        self._references: dict[tuple[int, ...], ProxyDistances] = {}
         for component in large_components(V, F):
             proxy, points = self.of(component), V[component.vertices]
             surface = (
@@ -94,10 +96,18 @@ class MarkingProxies(Proxies):
 
     def distances(self, V: FloatArray, component: Component) -> GeodesicDistances | ProxyDistances:
         """Choose how to measure distances on a component whose vertices are at V (n, 3)."""
-        proxy, topology = self.of(component), self._topologies.get(_name(component))
+        name = _name(component)
+        proxy, topology = self.of(component), self._topologies.get(name)
         if proxy is None:
             return GeodesicDistances(V, component.faces, topology=topology)
-        return ProxyDistances(V, component.faces, proxy, topology)
+        if name not in self._references:
+            points = self._V[component.vertices]
+            self._references[name] = ProxyDistances(points, component.faces, proxy, topology)
+        return ProxyDistances(V, component.faces, proxy, topology, self._references[name])
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Factors are built in less time than they are sent in.
+        return {**vars(self), "_references": {}}
 
 
 @lru_cache(maxsize=8)

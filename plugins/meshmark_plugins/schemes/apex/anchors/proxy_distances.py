@@ -151,6 +151,9 @@ class ProxyDistances:
         Of the surface.
     topology : HeatTopology, optional
         Of the proxy; see `GeodesicDistances`.
+    reference : ProxyDistances, optional
+        Of another pose of the surface, which tells how much too long distances near a source are.
+        It hardly depends on the pose: by a hundredth of a bin.
 
     Attributes
     ----------
@@ -168,7 +171,12 @@ class ProxyDistances:
     """
 
     def __init__(
-        self, V: FloatArray, F: IntArray, proxy: Proxy, topology: HeatTopology | None = None
+        self,
+        V: FloatArray,
+        F: IntArray,
+        proxy: Proxy,
+        topology: HeatTopology | None = None,
+        reference: ProxyDistances | None = None,
     ) -> None:
         self.root_area = float(np.sqrt(face_areas(V, F).sum()))
         if self.root_area == 0.0:
@@ -178,6 +186,8 @@ class ProxyDistances:
             self.V, proxy.faces, self.root_area, proxy.order, topology
         )
         self._of_mesh = V / self.root_area, F
+        self._reference = reference
+        self._surpluses: dict[int, float] = {}
         own_area = face_areas(self.V, proxy.faces).sum()
         self._spacing = float(np.sqrt(own_area / len(self.V))) / self.root_area
 
@@ -191,13 +201,32 @@ class ProxyDistances:
 
     def to_proxy(self, sources: IntArray) -> FloatArray:
         """Measure from each of several vertices to those of the proxy, (S, n), in root areas."""
+        found = self._uncorrected(sources)
+        if self._reference is None:
+            surpluses = self._measure_surpluses(sources, found)
+        else:
+            surpluses = self._reference.surpluses(sources)
+        return np.maximum(found - surpluses[:, None], 0.0)
+
+    def surpluses(self, sources: IntArray) -> FloatArray:
+        """Find by how much distances from vertices (S,) are too long near them, (S,); once each."""
+        new = np.setdiff1d(sources, list(self._surpluses))
+        if len(new):
+            found = self._measure_surpluses(new, self._uncorrected(new))
+            self._surpluses.update(zip(new.tolist(), found.tolist(), strict=True))
+        return np.array([self._surpluses[source] for source in sources.tolist()])
+
+    def _uncorrected(self, sources: IntArray) -> FloatArray:
         at = [self.proxy.prolongation[[source]] for source in sources.tolist()]
-        found = self.on_proxy.from_points([(row.indices, row.data) for row in at])
-        surpluses = [
-            self._surplus(source, self.proxy.prolongation @ d)
-            for source, d in zip(sources.tolist(), found, strict=True)
-        ]
-        return np.maximum(found - np.array(surpluses)[:, None], 0.0)
+        return self.on_proxy.from_points([(row.indices, row.data) for row in at])
+
+    def _measure_surpluses(self, sources: IntArray, found: FloatArray) -> FloatArray:
+        return np.array(
+            [
+                self._surplus(source, self.proxy.prolongation @ d)
+                for source, d in zip(sources.tolist(), found, strict=True)
+            ]
+        )
 
     def _surplus(self, source: int, d: FloatArray) -> float:
         """Find by how much d (N,), from a source, is longer near it than on the mesh itself.
