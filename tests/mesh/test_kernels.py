@@ -20,7 +20,7 @@ from meshmark.mesh import closest_in_triangle, deformation, flip_guard, surface_
 from meshmark.mesh.geometry import edge_length
 from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
-from meshmark_plugins.schemes.apex.chips import whitening
+from meshmark_plugins.schemes.apex.chips import gradients, whitening
 from meshmark_plugins.schemes.apex.linear_algebra import (
     block_woodbury,
     triangle_energy,
@@ -31,7 +31,6 @@ from meshmark_plugins.schemes.apex.marking import (
     energy,
     fit_to_surface,
     fold_smoother,
-    gradients,
     sliding,
 )
 
@@ -314,7 +313,7 @@ def test_loops_are_compiled_once_whatever_arrays_they_get():
     for other in (fixed, np.asfortranarray(V), np.repeat(V, 2, axis=0)[::2]):
         found = gradients.growth_directions(other, F.astype(np.int32), H)
         np.testing.assert_array_equal(found, wanted)
-    assert len(kernels.load_loops(APEX_LOOPS).growth_directions.signatures) == 1
+    assert len(kernels.load_loops(CHIP_LOOPS).growth_directions.signatures) == 1
 
 
 def test_without_numba_the_twins_work(monkeypatch):
@@ -324,12 +323,12 @@ def test_without_numba_the_twins_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba.core.config", None)
     kernels._load_loops.cache_clear()
     try:
-        assert kernels.load_loops(APEX_LOOPS) is None
+        assert kernels.load_loops(CHIP_LOOPS) is None
         np.testing.assert_allclose(gradients.growth_directions(V, F, H), with_loops, atol=1e-14)
     finally:
         monkeypatch.undo()
         kernels._load_loops.cache_clear()
-    assert kernels.load_loops(APEX_LOOPS) is not None
+    assert kernels.load_loops(CHIP_LOOPS) is not None
 
 
 def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch):

@@ -10,11 +10,11 @@ from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import normalized, vertex_normals
 from meshmark.testing.meshes import bumpy_sphere, icosphere
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
+from meshmark_plugins.schemes.apex.chips.gradients import distance_directions, vertex_chips
 from meshmark_plugins.schemes.apex.chips.radial_histogram import radial_histograms
 from meshmark_plugins.schemes.apex.chips.scale_hypotheses import cells_needed
 from meshmark_plugins.schemes.apex.chips.soft_chips import chip_kernel, measure_chips
 from meshmark_plugins.schemes.apex.chips.whitening import whitening_weights
-from meshmark_plugins.schemes.apex.marking.gradients import distance_directions, vertex_chips
 
 K, WIDTH = 14, 0.045
 B = cells_needed(K, WIDTH)

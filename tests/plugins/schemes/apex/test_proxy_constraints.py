@@ -14,7 +14,7 @@ from meshmark.testing.meshes import bumpy_sphere, icosphere, side_by_side
 from meshmark_plugins.schemes.apex.anchors import proxies
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.proxies import MarkingProxies
-from meshmark_plugins.schemes.apex.marking.gradients import (
+from meshmark_plugins.schemes.apex.chips.gradients import (
     distance_directions,
     surface_means,
     vertex_chips,

@@ -14,6 +14,12 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
 from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
+from meshmark_plugins.schemes.apex.chips.gradients import (
+    carried_changes,
+    distance_directions,
+    surface_means,
+    vertex_chips,
+)
 from meshmark_plugins.schemes.apex.chips.soft_chips import (
     ATTACK_NOISE,
     MIN_VERTEX_COUNT,
@@ -24,12 +30,6 @@ from meshmark_plugins.schemes.apex.chips.whitening import (
     spread_masses_by_rows,
 )
 from meshmark_plugins.schemes.apex.marking.displacement_transfer import DisplacementTransfer
-from meshmark_plugins.schemes.apex.marking.gradients import (
-    carried_changes,
-    distance_directions,
-    surface_means,
-    vertex_chips,
-)
 from meshmark_plugins.schemes.apex.marking.marked_anchors import MarkedAnchors
 from meshmark_plugins.schemes.apex.marking.planning_proxy import PlanningProxy
 from meshmark_plugins.schemes.apex.marking.solve_displacement import LinearConstraints
