@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from meshmark.embedding.manifest import FORMAT
 from meshmark.extension.recipe import Recipe
 from meshmark.files.atomic import number
 from meshmark.keys import Key
+from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
+from meshmark.metrics import Distortion
 from meshmark.sources.digests import file_hashes
 from meshmark.sources.facts import texture_coordinates
 from meshmark.usd.names import KEEP, READER
@@ -115,44 +118,89 @@ def stamps_told(document: Mapping[str, Any]) -> dict[str, Stamp]:
     }
 
 
+@dataclass(frozen=True, eq=False)
+class MeasureMarks:
+    """Measures how far each mesh was moved; picklable, for a worker process.
+
+    Parameters
+    ----------
+    meshes : sequence of MarkedMesh
+    shown : sequence of MeshAnimation
+        As they were written.
+    coordinates : sequence of dict
+        Their texture coordinates, as `distortion` takes them.
+    layers : sequence of Recipe
+        What they were marked by.
+    check_all : bool
+        Whether all frames are compared.
+    """
+
+    meshes: Sequence[MarkedMesh]
+    shown: Sequence[MeshAnimation]
+    coordinates: Sequence[dict[str, Any]]
+    layers: Sequence[Recipe]
+    check_all: bool
+
+    @classmethod
+    def of(
+        cls,
+        marked: MarkedAsset,
+        written: Asset,
+        layers: Sequence[Recipe],
+        *,
+        primvars: str,
+        check_all: bool,
+    ) -> MeasureMarks:
+        """Get ready to measure what was marked.
+
+        Parameters
+        ----------
+        marked : MarkedAsset
+            As it was marked; its original as it was read.
+        written : Asset
+            The marked meshes as they were written, in the same order.
+        primvars : {"follow", "keep"}
+            Whether texture coordinates are others in what was written.
+        """
+        coordinates = [
+            _coordinates(marked.original, written, mesh.original.prim, primvars)
+            for mesh in marked.meshes
+        ]
+        return cls(marked.meshes, written.meshes, coordinates, layers, check_all)
+
+    def __call__(self, jobs: int) -> list[Distortion]:
+        """Measure all, in so many processes."""
+        return [
+            measure_distortion(
+                mesh, shown, textures, self.layers, check_all=self.check_all, jobs=jobs
+            )
+            for mesh, shown, textures in zip(self.meshes, self.shown, self.coordinates, strict=True)
+        ]
+
+
 def describe_marks(
     marked: MarkedAsset,
-    written: Asset,
     verdict: Verdict,
+    distortions: Sequence[Distortion],
     *,
     layers: Sequence[Recipe],
-    primvars: str,
     check_all: bool,
-    jobs: int,
 ) -> dict[str, Any]:
     """Tell of each marked mesh how far it was moved, and what verification says of it.
 
     Parameters
     ----------
     marked : MarkedAsset
-        As it was marked; its original as it was read.
-    written : Asset
-        The marked meshes as they were written, in the same order.
     verdict : Verdict
         On what was written, at `TARGET_FPR`.
+    distortions : sequence of Distortion
+        Of each mesh; see `MeasureMarks`.
     layers : sequence of Recipe
         What it was marked by.
-    primvars : {"follow", "keep"}
-        Whether texture coordinates are others in what was written.
     check_all : bool
-        Whether all frames are compared, and were verified.
-    jobs : int
-        Processes that work, this one among them.
+        Whether all frames were verified.
     """
     verdicts = {prim.prim: prim for prim in verdict.prims}
-    coordinates = [
-        _coordinates(marked.original, written, mesh.original.prim, primvars)
-        for mesh in marked.meshes
-    ]
-    found = [
-        measure_distortion(mesh, shown, textures, layers, check_all=check_all, jobs=jobs)
-        for mesh, shown, textures in zip(marked.meshes, written.meshes, coordinates, strict=True)
-    ]
     return {
         "prims": [
             {
@@ -161,7 +209,7 @@ def describe_marks(
                 "checked_frames": len(checked_frames(mesh, check_all)),
                 "distortion": {name: number(value) for name, value in vars(each).items()},
             }
-            for mesh, each in zip(marked.meshes, found, strict=True)
+            for mesh, each in zip(marked.meshes, distortions, strict=True)
         ],
         "verification": {
             "verdict": verdict.verdict,

@@ -13,7 +13,7 @@ from meshmark.delivery.unmarked import require_held, require_small, split_in_pla
 from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.checks import verify_written
 from meshmark.embedding.credentials import require_place, write_sidecar
-from meshmark.embedding.description import describe_marks, describe_run, record_of
+from meshmark.embedding.description import MeasureMarks, describe_marks, describe_run, record_of
 from meshmark.embedding.left_out import markable_of, told_of_skipped, unheld
 from meshmark.embedding.manifest import (
     Manifest,
@@ -40,7 +40,7 @@ from meshmark.sources.writing import read_back, writer
 from meshmark.usd.names import BAKE, FOLLOW, READER
 from meshmark.usd.reader import UsdReader
 from meshmark.usd.stamp import Stamp
-from meshmark.workers.ordered_map import sharing_workers
+from meshmark.workers.ordered_map import Workers, sharing_workers
 from meshmark.workers.progress import MeshProgress, StageProgress
 
 if TYPE_CHECKING:
@@ -279,26 +279,22 @@ def _check(
     jobs: int,
     progress: MeshProgress | None,
 ) -> dict[str, Any]:
-    """Verify what was written, measure its distortion, and tell of both."""
-    verdict = verify_written(
-        written,
-        marked,
-        key,
-        layers,
-        recipient=recipient,
-        check_all=check_all,
-        jobs=jobs,
-        progress=progress,
-    )
-    return describe_marks(
-        marked,
-        written,
-        verdict,
-        layers=layers,
-        primvars=primvars,
-        check_all=check_all,
-        jobs=jobs,
-    )
+    """Verify what was written, measure its distortion meanwhile, and tell of both."""
+    measure = MeasureMarks.of(marked, written, layers, primvars=primvars, check_all=check_all)
+    with Workers(measure, jobs) as workers:
+        beside = workers.are_ready
+        distortions = workers.begin(1 if beside else jobs)
+        verdict = verify_written(
+            written,
+            marked,
+            key,
+            layers,
+            recipient=recipient,
+            check_all=check_all,
+            jobs=jobs - 1 if beside else jobs,
+            progress=progress,
+        )
+        return describe_marks(marked, verdict, distortions(), layers=layers, check_all=check_all)
 
 
 def _stage(progress: StageProgress | None, stage: str) -> MeshProgress | None:

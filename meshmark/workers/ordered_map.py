@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
-from functools import wraps
+from functools import partial, wraps
 from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -167,6 +167,12 @@ class Workers(Generic[Item, Result]):
         self._pool: Pool | None = None
         self._kept: Path | bytes = b""
         self._limits = ExitStack()
+        self._begun: list[Future[Any]] = []
+
+    @property
+    def are_ready(self) -> bool:
+        """Whether a process beside this one is."""
+        return self._pool is not None and self._pool.count_ready() > 0
 
     def __enter__(self) -> Workers[Item, Result]:
         if self._jobs > 1:
@@ -179,6 +185,8 @@ class Workers(Generic[Item, Result]):
 
     def __exit__(self, *exception: object) -> None:
         self._limits.close()
+        if self._pool is not None:
+            self._pool.drop(self._begun)
         if self._pool is not None and self._pool is not _shared.pool:
             self._pool.close()
         elif isinstance(self._kept, Path):
@@ -209,13 +217,49 @@ class Workers(Generic[Item, Result]):
                 else:
                     waiting.append(_done(self._function, rest.take()))
         except BrokenProcessPool:
-            self._pool.restart()
-            raise WorkerError(
-                "a worker process died, as when memory runs out; "
-                f"fewer of them, {JOBS_VARIABLE}=1, need less"
-            ) from None
+            raise self._broken(self._pool) from None
         finally:
             self._pool.drop(waiting)
+
+    def begin(self, item: Item) -> Callable[[], Result]:
+        """Let a worker begin with an item while this process does something else.
+
+        Returns
+        -------
+        callable
+            Waits for the result, once. Where no worker is ready, it works on the item.
+
+        Raises
+        ------
+        WorkerError
+            If a worker is killed, or crashes.
+        """
+        pool = self._pool
+        if pool is None or not self.are_ready:
+            return partial(self._function, item)
+        try:
+            future = pool.submit(self._kept, item)
+        except BrokenProcessPool:
+            raise self._broken(pool) from None
+        self._begun.append(future)
+
+        def finish() -> Result:
+            try:
+                found: Result = pool.result(future)
+            except BrokenProcessPool:
+                raise self._broken(pool) from None
+            self._begun.remove(future)
+            return found
+
+        return finish
+
+    def _broken(self, pool: Pool) -> WorkerError:
+        """Have new workers, and tell that the old ones died."""
+        pool.restart()
+        return WorkerError(
+            "a worker process died, as when memory runs out; "
+            f"fewer of them, {JOBS_VARIABLE}=1, need less"
+        )
 
     def _hand_out(self, rest: _Rest[Item], pool: Pool, waiting: deque[Future[Any]]) -> None:
         """Give each worker something to do, and something to do next unless we would be idle."""

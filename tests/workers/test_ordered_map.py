@@ -200,6 +200,31 @@ def test_a_killed_worker_is_told_of_and_replaced() -> None:
         assert list(ordered_map(square, range(4), jobs=2)) == [0, 1, 4, 9]
 
 
+@pytest.mark.slow
+def test_one_item_is_begun_elsewhere_beside_other_work() -> None:
+    with shared_workers(2), Workers(process_of, jobs=2) as workers:
+        assert not workers.are_ready
+        assert workers.begin(1)() == (1, os.getpid())
+        list(ordered_map(slowly, ITEMS, jobs=2))
+        assert workers.are_ready
+        finish = workers.begin(2)
+        assert list(ordered_map(square, range(4), jobs=1)) == [0, 1, 4, 9]
+        item, process = finish()
+        assert item == 2
+        assert process != os.getpid()
+    assert Workers(process_of, jobs=1).begin(3)() == (3, os.getpid())
+
+
+@pytest.mark.slow
+def test_a_worker_killed_beside_other_work_is_told_of_and_replaced() -> None:
+    with shared_workers(2), Workers(killed_elsewhere, jobs=2) as workers:
+        list(ordered_map(slowly, ITEMS, jobs=2))
+        finish = workers.begin(os.getpid())
+        with pytest.raises(WorkerError, match="worker process died"):
+            finish()
+        assert list(ordered_map(square, range(4), jobs=2)) == [0, 1, 4, 9]
+
+
 def test_a_round_left_half_way_does_not_spoil_the_next() -> None:
     with shared_workers(2):
         first = next(iter(ordered_map(square, range(50), jobs=2)))
