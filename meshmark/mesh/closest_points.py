@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.closest_in_triangle import closest_in_triangle
 from meshmark.mesh.geometry import face_areas, lengths
 from meshmark.mesh.surface_walk import walk_to_closest
-from meshmark.mesh.triangle_search import TriangleSearch, triangle_search
+from meshmark.mesh.triangle_search import triangle_search
 
 
 class ClosestPoints:
@@ -34,7 +32,16 @@ class ClosestPoints:
     """
 
     def __init__(self, V: FloatArray, F: IntArray, order: IntArray | None = None) -> None:
-        self.V, self.F, self._order = V, F, order
+        self.V, self.F = V, F
+        # Points that no triangle uses must not cost precision.
+        used = np.zeros(len(V), dtype=bool)
+        used[F.ravel()] = True
+        corners = V[used].T
+        # Column by column: a reduction over axes this long takes several times as long.
+        low, high = (np.array([end(x) for x in corners]) for end in (np.min, np.max))
+        self._centre = (low + high) / 2
+        self._scale = float((high - low).max()) or 1.0
+        self._search = triangle_search(self._local(V), F, order)
 
     def find(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
         """Find the closest point of the surface to each query.
@@ -54,22 +61,22 @@ class ClosestPoints:
         face = self.faces(Q)
         return face, closest_in_triangle(Q, *self._corners(face))
 
-    def faces(
-        self, Q: FloatArray, near: IntArray | None = None, tolerance: FloatArray | None = None
-    ) -> IntArray:
-        """Find the triangle that is closest to each query, or one within a tolerance, (n,) int.
+    def faces(self, Q: FloatArray) -> IntArray:
+        """Find the triangle that is closest to each query, (n,) int."""
+        return self._search.closest(self._local(Q))
+
+    def faces_near(self, Q: FloatArray, near: IntArray, tolerance: FloatArray) -> IntArray:
+        """Find triangles that are closest to queries, or within a tolerance, by walks, (n,) int.
 
         Parameters
         ----------
-        near : (n,) int, optional
-            A triangle near each query, to walk over the surface from.
-        tolerance : (n,) float64, optional
-            Given with `near`: where a walk ends farther from its query than this, all triangles
-            are searched, which takes seven times as long. It may end early where the surface
-            bends.
+        near : (n,) int
+            A triangle near each query, to walk over the surface from. Walks end early where the
+            surface bends.
+        tolerance : (n,) float64
+            Where a walk ends farther from its query than this, all triangles are searched, which
+            takes seven times as long.
         """
-        if near is None or tolerance is None:
-            return self._search.closest(self._local(Q))
         face = walk_to_closest(self.V, self.F, Q, near, tolerance)
         lost = face < 0
         if lost.any():
@@ -90,28 +97,12 @@ class ClosestPoints:
         """Compute the distance of each query from the surface, (n,)."""
         return lengths(self.points(Q) - Q)
 
-    @cached_property
-    def _search(self) -> TriangleSearch:
-        return triangle_search(self._local(self.V), self.F, self._order)
-
-    @cached_property
-    def _cube(self) -> tuple[FloatArray, float]:
-        """Centre and side of the cube about the mesh."""
-        # Points that no triangle uses must not cost precision.
-        used = np.zeros(len(self.V), dtype=bool)
-        used[self.F.ravel()] = True
-        corners = self.V[used].T
-        # Column by column: a reduction over axes this long takes several times as long.
-        low, high = (np.array([end(x) for x in corners]) for end in (np.min, np.max))
-        return (low + high) / 2, float((high - low).max()) or 1.0
-
     def _corners(self, face: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         a, b, c = (self.V[i] for i in self.F[face].T)
         return a, b, c
 
     def _local(self, P: FloatArray) -> FloatArray:
-        centre, side = self._cube
-        return (P - centre) / side
+        return (P - self._centre) / self._scale
 
 
 def sample_surface(V: FloatArray, F: IntArray, n: int, rng: np.random.Generator) -> FloatArray:

@@ -117,7 +117,7 @@ def test_walks_over_a_ball_end_where_it_is_closest():
     Q = 1.2 * normalized(V[F[:, 0]] + 0.2 * np.random.default_rng(2).normal(size=F.shape))
     near, everywhere = np.arange(len(F)), np.full(len(F), np.inf)
     surface = ClosestPoints(V, F)
-    wanted, found = surface.faces(Q), surface.faces(Q, near, everywhere)
+    wanted, found = surface.faces(Q), surface.faces_near(Q, near, everywhere)
     assert np.mean(found == near) < 0.5
     far = [np.linalg.norm(surface.points_in(face, Q) - Q, axis=1) for face in (wanted, found)]
     np.testing.assert_allclose(*far, atol=1e-12)
@@ -129,8 +129,8 @@ def test_walks_that_end_too_far_away_are_searched_instead():
     roof = ClosestPoints(V, np.array([[0, 1, 2], [1, 0, 3]]))
     below, other = np.array([[-0.1, 0.5, -0.3], [0.1, 0.5, -0.3]]), np.array([1, 0])
     far = 0.4 / np.sqrt(2.0)
-    np.testing.assert_array_equal(roof.faces(below, other, np.full(2, 1.01 * far)), other)
-    np.testing.assert_array_equal(roof.faces(below, other, np.full(2, 0.99 * far)), [0, 1])
+    np.testing.assert_array_equal(roof.faces_near(below, other, np.full(2, 1.01 * far)), other)
+    np.testing.assert_array_equal(roof.faces_near(below, other, np.full(2, 0.99 * far)), [0, 1])
 
 
 def test_walks_stay_on_their_sheet_but_do_not_end_at_its_border():
@@ -143,6 +143,8 @@ def test_walks_stay_on_their_sheet_but_do_not_end_at_its_border():
     )
     inside = V[F].mean(axis=1)
     start, everywhere = np.arange(len(F)), np.full(len(F), np.inf)
-    found = surface.faces(inside + np.multiply(0.9, far), start, everywhere)
+    found = surface.faces_near(inside + np.multiply(0.9, far), start, everywhere)
     np.testing.assert_array_equal(found, start)
-    np.testing.assert_array_equal(surface.faces(inside + step, start, everywhere), start + len(F))
+    np.testing.assert_array_equal(
+        surface.faces_near(inside + step, start, everywhere), start + len(F)
+    )

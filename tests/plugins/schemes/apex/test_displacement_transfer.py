@@ -35,16 +35,18 @@ def test_vertices_that_left_a_plane_return_along_its_normal():
     V, F = plane(21)
     bumps = 0.005 * np.random.default_rng(5).normal(size=len(V))
     off = V + bumps[:, None] * [0.0, 0.0, 1.0]
-    back = fit_to_surface(off, F, ClosestPoints(V, F))
+    flat, own = ClosestPoints(V, F), ClosestPoints(V, F).faces(V)
+    back = fit_to_surface(off, F, flat, own)
     # But for the weight of staying.
     assert np.abs(back[:, 2]).max() < 0.03 * np.abs(bumps).max()
-    np.testing.assert_array_equal(fit_to_surface(V, F, ClosestPoints(V, F)), V)
+    np.testing.assert_array_equal(fit_to_surface(V, F, flat, own), V)
 
 
 @pytest.mark.parametrize("level", [2, 3])
 def test_a_fitted_polyhedron_is_nearer_to_its_sphere_than_an_inscribed_one(level):
     ball, (V, F) = icosphere(5), icosphere(level)
-    fitted = fit_to_surface(V, F, ClosestPoints(*ball))
+    surface = ClosestPoints(*ball)
+    fitted = fit_to_surface(V, F, surface, surface.faces(V))
     assert mrms(*ball, fitted, F) < 0.3 * mrms(*ball, V, F)
     # Vertices go outwards only, and not beyond the deepest triangle's sag.
     height = np.linalg.norm(fitted, axis=1) - 1.0

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_matrix
 
+from meshmark.mesh.laplacian import stiffness_matrix
 from meshmark.testing.meshes import icosphere
 from meshmark_plugins.schemes.apex.marking import solve_displacement as displacing
 from meshmark_plugins.schemes.apex.marking.energy import energy_over_poses
@@ -47,7 +48,9 @@ def dense(energy, n):
     blocks = np.zeros((3 * n, 3 * n))
     for i, block in enumerate(energy.blocks):
         blocks[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
-    return blocks + np.kron(energy.stretching.matrix().toarray(), np.eye(3))
+    F = energy.stretching.F
+    stretching = stiffness_matrix(F, energy.stretching.side_costs(np.ones(len(F))), n)
+    return blocks + np.kron(stretching.toarray(), np.eye(3))
 
 
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -16,14 +16,14 @@ CG_TOLERANCE = 1e-6
 # Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
 FIT_DAMPING = 0.02
 # How far from its sample, in roots of the triangle's area, the plane may be that draws it, should a
-# closer one be beyond a bend. Planes chosen any worse fold coarse meshes.
+# closer one be beyond a bend. Without a limit, 2.5 % of the cow's vertices were held back, not .2.
 FIT_TOLERANCE = 0.07
 # Points of a triangle that are to lie on the original, in barycentric coordinates.
 _TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 
 
 def fit_to_surface(
-    V: FloatArray, F: IntArray, original: ClosestPoints, near: IntArray | None = None
+    V: FloatArray, F: IntArray, original: ClosestPoints, near: IntArray
 ) -> FloatArray:
     """Fit a surface to another one, moving vertices along their normals only.
 
@@ -35,8 +35,8 @@ def fit_to_surface(
         Triangles.
     original : ClosestPoints
         The surface to lie on.
-    near : (N,) int, optional
-        Triangle of the original that each vertex is about nearest to; fitting takes half the time.
+    near : (N,) int
+        Triangle of the original that each vertex is about nearest to: where walks start.
 
     Returns
     -------
@@ -55,10 +55,9 @@ def fit_to_surface(
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
     samples = np.einsum("sk,fkx->fsx", _TRIANGLE_SAMPLES, V[F])
-    tolerance = None if near is None else FIT_TOLERANCE * np.sqrt(face_areas(V, F)).repeat(3)
+    tolerance = FIT_TOLERANCE * np.sqrt(face_areas(V, F)).repeat(len(_TRIANGLE_SAMPLES))
     # Each sample is nearest to one corner.
-    starts = None if near is None else near[F.ravel()]
-    face = original.faces(samples.reshape(-1, 3), starts, tolerance)
+    face = original.faces_near(samples.reshape(-1, 3), near[F.ravel()], tolerance)
     return fitted_to_planes(
         V,
         F,

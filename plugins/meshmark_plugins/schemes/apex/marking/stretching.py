@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.geometry import face_areas
-from meshmark.mesh.laplacian import stiffness_matrix
 from meshmark_plugins.schemes.apex.linear_algebra.triangle_energy import strains
 
 # Weight of stretching beside moving, for stretches over a bin.
@@ -34,27 +32,20 @@ class StretchingEnergy:
         Twice the area of each triangle, in root areas squared.
     weight : (F,) float64
         What a unit of |grad d|^2 costs in each triangle, by its area.
-    n_points : int
-        N.
     """
 
     F: IntArray
     corner_products: FloatArray
     double_areas: FloatArray
     weight: FloatArray
-    n_points: int
 
     def strains(self, d: FloatArray) -> FloatArray:
         """Frobenius norm of the gradient of a displacement (3 N,) in each triangle, (F,)."""
         return strains(self.F, self.corner_products, self.double_areas, d)
 
-    def side_costs(self, factor: FloatArray | float = 1.0) -> FloatArray:
+    def side_costs(self, factor: FloatArray) -> FloatArray:
         """Cost of moving the ends of each side apart, (F, 3), triangles `factor` times as dear."""
         return 0.5 * self.corner_products * (factor * self.weight / self.double_areas)[:, None]
-
-    def matrix(self, factor: FloatArray | float = 1.0) -> csr_matrix:
-        """Assemble the cost (N, N), each triangle made `factor` times as dear."""
-        return stiffness_matrix(self.F, self.side_costs(factor), self.n_points)
 
 
 def stretching_energy(V: FloatArray, F: IntArray, width: float) -> StretchingEnergy:
@@ -83,5 +74,5 @@ def stretching_energy(V: FloatArray, F: IntArray, width: float) -> StretchingEne
     double_areas = 2.0 * np.maximum(areas, MIN_TRIANGLE_AREA_SHARE * mean) / total
     length = width / (2.0 * np.pi)
     return StretchingEnergy(
-        F, corner_products, double_areas, STRETCHING_WEIGHT * length**2 * heavier, len(V)
+        F, corner_products, double_areas, STRETCHING_WEIGHT * length**2 * heavier
     )
