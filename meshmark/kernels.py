@@ -39,6 +39,21 @@ def compiled(twin: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+def compiled_beside_others(twin: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, where numba was imported for something else before.
+
+    What takes milliseconds is not worth the third of a second that takes. So the loop has to return
+    what its twin does bit by bit, or results would depend on what ran before.
+    """
+    by_loop = compiled(twin)
+
+    @wraps(twin)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        return (by_loop if "numba" in sys.modules else twin)(*args, **kwargs)
+
+    return call
+
+
 def load_loops(name: str) -> ModuleType | None:
     """Import a module of compiled loops; None where numba is missing.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.kernels import compiled_beside_others
 
 # Lengths below this count as none: squares of anything shorter would underflow.
 TINY = 1e-150
@@ -12,6 +13,7 @@ TINY = 1e-150
 FLAT = 1e-14
 
 
+@compiled_beside_others
 def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the normals of triangles, (F, 3) float64, as long as the areas.
 
@@ -37,6 +39,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.sqrt(x * x + y * y + z * z)
 
 
+@compiled_beside_others
 def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute the areas of triangles, (F,) float64."""
     return lengths(area_vectors(V, F))
@@ -86,6 +89,7 @@ def sum_at_corners(values: FloatArray, F: IntArray, n_points: int) -> FloatArray
     return np.stack(columns, axis=1)
 
 
+@compiled_beside_others
 def vertex_normals(V: FloatArray, F: IntArray) -> FloatArray:
     """Compute unit normals of vertices, the mean of their triangles' by area, (N, 3)."""
     return normalized(sum_at_corners(area_vectors(V, F), F, len(V)))

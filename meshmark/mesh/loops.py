@@ -13,9 +13,47 @@ import numpy as np
 from meshmark.arrays import BoolArray, FloatArray, IntArray
 from meshmark.kernels import compile_loop
 from meshmark.mesh.flip_guard import HALVINGS, NO_SLOPE
-from meshmark.mesh.geometry import FLAT
+from meshmark.mesh.geometry import FLAT, TINY
 
 Point: TypeAlias = tuple[float, float, float]
+
+
+@compile_loop
+def area_vectors(V: FloatArray, F: IntArray) -> FloatArray:
+    """Do what the function in `meshmark.mesh.geometry` does."""
+    N = np.empty((len(F), 3))
+    for f in range(len(F)):
+        x, y, z = area_normal(V, F[f, 0], F[f, 1], F[f, 2])
+        N[f, 0], N[f, 1], N[f, 2] = 0.5 * x, 0.5 * y, 0.5 * z
+    return N
+
+
+@compile_loop
+def face_areas(V: FloatArray, F: IntArray) -> FloatArray:
+    """Do what the function in `meshmark.mesh.geometry` does."""
+    areas = np.empty(len(F))
+    for f in range(len(F)):
+        x, y, z = area_normal(V, F[f, 0], F[f, 1], F[f, 2])
+        areas[f] = norm(0.5 * x, 0.5 * y, 0.5 * z)
+    return areas
+
+
+@compile_loop
+def vertex_normals(V: FloatArray, F: IntArray) -> FloatArray:
+    """Do what the function in `meshmark.mesh.geometry` does."""
+    normals = np.zeros((len(V), 3))
+    for f in range(len(F)):
+        x, y, z = area_normal(V, F[f, 0], F[f, 1], F[f, 2])
+        for corner in range(3):
+            v = F[f, corner]
+            normals[v, 0] += 0.5 * x
+            normals[v, 1] += 0.5 * y
+            normals[v, 2] += 0.5 * z
+    for v in range(len(V)):
+        length = norm(normals[v, 0], normals[v, 1], normals[v, 2])
+        for axis in range(3):
+            normals[v, axis] = normals[v, axis] / length if length > TINY else 0.0
+    return normals
 
 
 @compile_loop

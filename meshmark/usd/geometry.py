@@ -21,6 +21,7 @@ Float32Array = NDArray[np.float32]
 
 # What points may be stored as; the role of a type (point, vector, colour) does not matter.
 POINT_ARRAYS = (Vt.Vec3hArray, Vt.Vec3fArray, Vt.Vec3dArray)
+IDENTITY = np.eye(4)
 INTEGER_ARRAYS = (Vt.IntArray, Vt.Int64Array, Vt.UIntArray, Vt.UInt64Array, Vt.UCharArray)
 
 
@@ -105,7 +106,11 @@ def transformed(points: NDArray[np.floating], matrix: FloatArray) -> FloatArray:
 
     Column by column: what a matrix product rounds to depends on the threads it is given.
     """
-    return _product(points.astype(np.float64), matrix) + matrix[3, :3]
+    points = points.astype(np.float64)
+    if np.array_equal(matrix, IDENTITY):
+        # As most caches have it. No negative zeros either way.
+        return points + 0.0
+    return _product(points, matrix) + matrix[3, :3]
 
 
 def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from meshmark.errors import OutputError
 from meshmark.files.temporary import ScratchFolder, no_room
 from meshmark.mesh.animation import Frame, FrameSource
 
-SINGLE, DOUBLE = "<f4", "<f8"
+SINGLE, DOUBLE, WHOLE = "<f4", "<f8", "<i4"
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ScratchFile:
     n_points : int
         N.
     dtype : str
-        Type on disk: float32, or float64 for what more is computed with.
+        Type on disk: float32, float64 for what more is computed with, or int32 for whole numbers.
     width : int
         Numbers for each point.
     """
@@ -70,7 +70,7 @@ class ScratchFile:
         n_frames, n_points : int
             T and N.
         dtype : str
-            `SINGLE` or `DOUBLE`.
+            `SINGLE`, `DOUBLE` or `WHOLE`.
         width : int
             Numbers for each point.
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_matrix
 
 from meshmark import kernels
-from meshmark.mesh import closest_in_triangle, deformation, flip_guard, surface_walk
+from meshmark.mesh import closest_in_triangle, deformation, flip_guard, geometry, surface_walk
 from meshmark.mesh.geometry import edge_length
 from meshmark.mesh.topology import faces_about_vertices
 from meshmark.testing.meshes import icosphere, plane, torus
@@ -49,8 +49,12 @@ TWINS = [
     deformation.fitted_gradients,
     energy.carried_back,
     fit_to_surface.fitted_to_planes,
+    fit_to_surface.points_of_triangles,
     flip_guard.shares_without_tilt,
     fold_smoother.tilted_faces,
+    geometry.area_vectors,
+    geometry.face_areas,
+    geometry.vertex_normals,
     gradients.carried_changes,
     gradients.chip_rates,
     gradients.growth_directions,
@@ -95,6 +99,15 @@ def agree(function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray
 
 @given(crumpled_meshes())
 @settings(max_examples=30)
+def test_areas_and_normals(crumpled):
+    """Bit by bit: whether loops are used depends on what ran before."""
+    V, F, _ = crumpled
+    for function in (geometry.area_vectors, geometry.face_areas, geometry.vertex_normals):
+        np.testing.assert_array_equal(function(V, F), function.__wrapped__(V, F))
+
+
+@given(crumpled_meshes())
+@settings(max_examples=30)
 def test_gradients(crumpled):
     V, F, rng = crumpled
     rings = deformation.OneRings(F, len(V))
@@ -127,6 +140,7 @@ def test_closest_points_in_triangles(crumpled):
 def test_fitted_surfaces(crumpled, iterations):
     V, F, rng = crumpled
     V0, samples = V + 0.1 * rng.normal(size=V.shape), rng.dirichlet(np.ones(3), size=3)
+    agree(fit_to_surface.points_of_triangles, V, F, samples)
     face = rng.integers(len(F), size=(len(F), 3))
     fit = fit_to_surface.fitted_to_planes
     agree(fit, V, F, samples, V0, F, face, 0.02, iterations, 0.0)

@@ -78,6 +78,7 @@ class DisplacementTransfer:
         d: FloatArray,
         original: ClosestPoints,
         shares: FloatArray | float = 1.0,
+        ends: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Apply a displacement (3 n,) to another frame, and lay it on that frame's surface.
 
@@ -91,6 +92,8 @@ class DisplacementTransfer:
             The frame's surface.
         shares : (N,) float64, optional
             How much of its move is left to each vertex from the start.
+        ends : (N,) int, optional
+            The triangle of the surface that each whole move ends in, if that is known.
 
         Returns
         -------
@@ -99,10 +102,15 @@ class DisplacementTransfer:
         share : (N,) float64
             How much of its move that left each vertex.
         face : (N,) int
-            The triangle of the surface that its whole move would end in.
+            The triangle of the surface that its whole move, or what is left of it from the start,
+            would end in.
         """
         moved = P + self.moves(P, d, shares)
-        face = original.faces(moved)
+        if ends is None:
+            face = original.faces(moved)
+        else:
+            face, is_less = ends.copy(), np.broadcast_to(shares, len(P)) < 1.0
+            face[is_less] = original.faces(moved[is_less])
         wanted = original.points_in(face, moved)
         share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)
         return P + share[:, None] * (wanted - P), share, face

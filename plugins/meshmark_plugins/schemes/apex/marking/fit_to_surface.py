@@ -54,7 +54,7 @@ def fit_to_surface(
     .. [1] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
-    samples = np.einsum("sk,fkx->fsx", _TRIANGLE_SAMPLES, V[F])
+    samples = points_of_triangles(V, F, _TRIANGLE_SAMPLES)
     tolerance = FIT_TOLERANCE * np.sqrt(face_areas(V, F)).repeat(len(_TRIANGLE_SAMPLES))
     # Each sample is nearest to one corner.
     face = original.faces_near(samples.reshape(-1, 3), near[F.ravel()], tolerance)
@@ -69,6 +69,12 @@ def fit_to_surface(
         CG_ITERATIONS,
         CG_TOLERANCE,
     )
+
+
+@compiled
+def points_of_triangles(V: FloatArray, F: IntArray, weights: FloatArray) -> FloatArray:
+    """Compute points of all triangles, (F, S, 3), by barycentric coordinates (S, 3)."""
+    return np.einsum("sk,fkx->fsx", weights, V[F])
 
 
 @compiled

@@ -65,6 +65,19 @@ def _add_square(sums: FloatArray, v: int, weight: float, x: float, y: float, z: 
 
 
 @compile_loop
+def points_of_triangles(V: FloatArray, F: IntArray, weights: FloatArray) -> FloatArray:
+    """Do what the function in `fit_to_surface` does."""
+    points = np.empty((len(F), len(weights), 3))
+    for f in range(len(F)):
+        i, j, k = F[f, 0], F[f, 1], F[f, 2]
+        for s in range(len(weights)):
+            u, v, w = weights[s, 0], weights[s, 1], weights[s, 2]
+            for x in range(3):
+                points[f, s, x] = u * V[i, x] + v * V[j, x] + w * V[k, x]
+    return points
+
+
+@compile_loop
 def fitted_to_planes(
     V: FloatArray,
     F: IntArray,
