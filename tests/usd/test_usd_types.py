@@ -12,6 +12,7 @@ from pxr import Sdf, Usd, Vt
 
 from meshmark.errors import InputError, OutputError
 from meshmark.usd.delivery import write_flattened
+from meshmark.usd.geometry import transformed
 from meshmark.usd.reading import read_stage
 from meshmark.usd.stages import write_stage
 from meshmark.usd.writing import write_override
@@ -219,3 +220,13 @@ def test_a_box_that_single_precision_does_not_hold_is_as_large_as_it_can_be(tmp_
     stage = Usd.Stage.Open(str(tmp_path / "o.usda"))
     box = stage.GetAttributeAtPath("/cube.extent").Get()
     assert np.abs(box).max() == np.finfo(np.float32).max
+
+
+def test_a_transform_that_moves_nothing_changes_no_bit():
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    points[0] = -0.0, 0.0, np.finfo(np.float32).max
+    # The last number is not looked at, but makes it take the long way.
+    nearly = np.eye(4)
+    nearly[3, 3] = 2.0
+    found, wanted = (transformed(points, matrix) for matrix in (np.eye(4), nearly))
+    assert found.tobytes() == wanted.tobytes()
