@@ -8,7 +8,7 @@ import numpy as np
 
 from meshmark.alignment.copy_frames import CopyFrame
 from meshmark.alignment.pose_samples import PoseSamples
-from meshmark.alignment.poses import posed, remembered
+from meshmark.alignment.poses import posed
 from meshmark.alignment.procrustes import misfits
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import AlignmentError, InputError
@@ -21,6 +21,8 @@ from meshmark.mesh.skinning import Skinning
 from meshmark.mesh.welding import Welding
 
 PAIRS = 1000
+# Frames.
+REMEMBERED = 6
 
 
 class Original:
@@ -46,7 +48,7 @@ class Original:
     def __init__(self, animation: MeshAnimation) -> None:
         if not animation.constant_topology:
             raise self._unfit(animation, "the connectivity of the original changes over time")
-        self.animation = remembered(animation)
+        self.animation = animation.remembered(REMEMBERED)
         first = self.animation[0]
         self.n_points = first.topology.n_points
         try:

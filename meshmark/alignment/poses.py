@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from dataclasses import dataclass, field, replace
-
 import numpy as np
 
 from meshmark.arrays import FloatArray
-from meshmark.mesh.animation import Frame, FrameSource, MeshAnimation
-from meshmark.mesh.skinning import Skinning, skinning_of
-
-REMEMBERED = 6
+from meshmark.mesh.animation import Frame, MeshAnimation
 
 
 def posed(original: MeshAnimation, pose: float) -> Frame:
@@ -42,32 +36,6 @@ def motion(original: MeshAnimation, pose: float) -> FloatArray:
         return np.zeros_like(original[low].points)
     rate: FloatArray = (original[last].points - original[first].points) / (last - first)
     return rate
-
-
-def remembered(original: MeshAnimation) -> MeshAnimation:
-    """Return the same animation, which keeps the frames it was asked for last."""
-    return replace(original, source=_RememberedFrames(original.source))
-
-
-@dataclass(frozen=True)
-class _RememberedFrames:
-    base: FrameSource
-    kept: OrderedDict[int, Frame] = field(default_factory=OrderedDict)
-
-    def __reduce__(self) -> tuple[type[_RememberedFrames], tuple[FrameSource]]:
-        return _RememberedFrames, (self.base,)
-
-    def frame(self, index: int) -> Frame:
-        if index in self.kept:
-            self.kept.move_to_end(index)
-        else:
-            self.kept[index] = self.base.frame(index)
-            if len(self.kept) > REMEMBERED:
-                self.kept.popitem(last=False)
-        return self.kept[index]
-
-    def skinning(self) -> Skinning | None:
-        return skinning_of(self.base)
 
 
 def _split(original: MeshAnimation, pose: float) -> tuple[int, float]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -90,6 +91,30 @@ class SelectedFrames:
     def frame(self, index: int) -> Frame:
         """Read the frame that is number `index` of the selection."""
         return self.base.frame(self.indices[index])
+
+    def skinning(self) -> Skinning | None:
+        """Return how joints move the points of all frames, if that is known."""
+        return skinning_of(self.base)
+
+
+@dataclass(frozen=True)
+class RememberedFrames:
+    """Frames of another source, of which those asked for last are kept, up to `count`."""
+
+    base: FrameSource
+    count: int
+    kept: OrderedDict[int, Frame] = field(default_factory=OrderedDict)
+
+    def __reduce__(self) -> tuple[type[RememberedFrames], tuple[FrameSource, int]]:
+        return RememberedFrames, (self.base, self.count)
+
+    def frame(self, index: int) -> Frame:
+        """Read frame `index`, unless it is kept."""
+        found = self.kept.pop(index, None) or self.base.frame(index)
+        self.kept[index] = found
+        if len(self.kept) > self.count:
+            self.kept.popitem(last=False)
+        return found
 
     def skinning(self) -> Skinning | None:
         """Return how joints move the points of all frames, if that is known."""
@@ -207,6 +232,10 @@ class MeshAnimation:
         The function must keep times, and, if the topology is constant, keep it so.
         """
         return replace(self, source=MappedFrames(self.source, function))
+
+    def remembered(self, count: int) -> MeshAnimation:
+        """Return the same animation, which keeps the frames it was asked for last, so many."""
+        return replace(self, source=RememberedFrames(self.source, count))
 
     def select(self, indices: Sequence[int]) -> MeshAnimation:
         """Return the animation of the frames at `indices` (increasing)."""

@@ -106,11 +106,11 @@ def transformed(points: NDArray[np.floating], matrix: FloatArray) -> FloatArray:
 
     Column by column: what a matrix product rounds to depends on the threads it is given.
     """
-    points = points.astype(np.float64)
+    P = points.astype(np.float64)
     if np.array_equal(matrix, IDENTITY):
         # As most caches have it. No negative zeros either way.
-        return points + 0.0
-    return _product(points, matrix) + matrix[3, :3]
+        return P + 0.0
+    return _product(P, matrix) + matrix[3, :3]
 
 
 def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.arrays import FloatArray
+from meshmark.arrays import FloatArray, IntArray
 from meshmark.errors import OutputError
 from meshmark.files.temporary import ScratchFolder, no_room
 from meshmark.mesh.animation import Frame, FrameSource
@@ -88,7 +88,7 @@ class ScratchFile:
             raise OutputError(no_room(error), source=tempfile.gettempdir()) from None
         return scratch
 
-    def write(self, index: int, displacement: FloatArray) -> None:
+    def write(self, index: int, displacement: FloatArray | IntArray) -> None:
         """Store the displacement of frame `index`, (N, width)."""
         data = np.ascontiguousarray(displacement, dtype=self.dtype)
         with self.path.open("r+b") as file:

@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
+from meshmark.mesh.animation import Frame
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import Proxy
-from meshmark.mesh.topology import face_components
+from meshmark.mesh.topology import Topology, face_components
 from meshmark.mesh.triangle_search import search_order
 
 # Way, in moves, over which moves grow about a vertex that must not move: a third of their length
@@ -62,6 +63,14 @@ class DisplacementTransfer:
     def positions(self, P: FloatArray) -> FloatArray:
         """Positions of what is displaced, (n, 3), in a frame whose vertices are at P (N, 3)."""
         return P if self.proxy is None else self.proxy.fit(P)
+
+    def displaced(self, frame: Frame) -> Frame:
+        """Return what is displaced, as it lies in another frame."""
+        return Frame(frame.time, self.positions(frame.points), self._topology)
+
+    @cached_property
+    def _topology(self) -> Topology:
+        return Topology.from_triangles(self.surface[1], len(self.surface[0]))
 
     @cached_property
     def order(self) -> IntArray | None:

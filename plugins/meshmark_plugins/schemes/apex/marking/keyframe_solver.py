@@ -88,7 +88,7 @@ class KeyframeSolver:
         transfer, width = self.constraints.transfer, self.constraints.parameters.width
         V, F = transfer.surface
         poses = self.poses[j]
-        points = [transfer.positions(self.constraints.animation[t].points) for t in poses]
+        points = [self.constraints.displaced[t].points for t in poses]
         carried = [(P, transfer.deformation.gradients(P)) for P in points]
         energy = self._guarded(energy_over_poses(carried, V, F, width), poses)
         some_poses = carried[:: max(1, (len(poses) - 1) // 2)]

@@ -47,6 +47,9 @@ MAX_POSES_PER_KEYFRAME = 20
 # Fewer chips than this prove nothing at one in a million, multiple testing over hypotheses and
 # words taken into account.
 MIN_CHIPS = 40
+# Points of what is displaced that are remembered, of many frames or few: poses of a keyframe are
+# measured again and again.
+REMEMBERED_POINTS = 1_000_000
 # Frames whose distortion is measured first, and points of the surface, to keep within the limit;
 # more frames are measured unless it is so many standard errors away.
 MRMS_FRAMES, MRMS_SAMPLES, MRMS_DOUBT = 4, 20_000, 2.0
@@ -173,8 +176,10 @@ def plan_animation(
     guards = geodesic_fields(transfer.V, transfer.F, shown, proxies=proxies)
     guards = [planning.of_proxy(guard) for guard in guards]
     own_words = words[anchors.words]
+    few = REMEMBERED_POINTS // len(transfer.surface[0])
+    displaced = animation.map(transfer.displaced).remembered(few)
     constraints = PoseConstraints(
-        animation, transfer, anchors, own_words, parameters, seen, planning, proxies
+        animation, transfer, displaced, anchors, own_words, parameters, seen, planning, proxies
     )
     solved = solve_keyframes(KeyframeSolver(constraints, guards, poses), jobs)
     plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))

@@ -103,6 +103,8 @@ class PoseConstraints:
         Frames as analysis sees them, of one topology.
     transfer : DisplacementTransfer
         Transfers displacements to them.
+    displaced : MeshAnimation
+        What is displaced, in the same frames.
     anchors : MarkedAnchors
         The anchors and their units.
     words : (C, K) int
@@ -125,6 +127,7 @@ class PoseConstraints:
 
     animation: MeshAnimation
     transfer: DisplacementTransfer
+    displaced: MeshAnimation
     anchors: MarkedAnchors
     words: IntArray
     parameters: Parameters
@@ -142,9 +145,8 @@ class PoseConstraints:
             What to hand over when another displacement of the same frame is asked about.
         """
         index, d, fields = task
-        points = self.animation[index].points
-        P = self.transfer.positions(points)
-        fields = fields or self._measure(index, points)
+        P = self.displaced[index].points
+        fields = fields or self._measure(index)
         G = self.transfer.root_area * self.transfer.deformation.gradients(P)
         moves = np.einsum("nij,nj->ni", G, d.reshape(-1, 3))
         shares = allowed_shares(P, P + moves, self.transfer.surface[1], np.inf)
@@ -160,8 +162,9 @@ class PoseConstraints:
             fields = [replace(f, weights=own) for f, own in zip(fields, weights, strict=True)]
         return self._linear(found, d), fields
 
-    def _measure(self, index: int, points: FloatArray) -> list[PartField]:
+    def _measure(self, index: int) -> list[PartField]:
         """Measure distances in a pose, part by part."""
+        points = self.animation[index].points
         anchors = replace(self.anchors, vertices=self.pose_vertices[index])
         transfer = self.transfer
         fields = []
