@@ -1,28 +1,55 @@
-"""Has the file that `verify` is asked about read while all is imported that asks for it."""
+"""Has the file that a command is about read while all is imported that asks for it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from meshmark.sources.isolation.process import drop_ahead, read_ahead
 
-# Options of `verify` with which a file is read as it is, those with a value apart.
-SWITCHES = ("--all", "--json", "--jsonl")
-VALUED = (
-    "--fpr",
-    "--frames",
-    "--geodesic",
-    "--jobs",
-    "--key",
-    "--master",
-    "--original",
-    "--recipient",
-    "--scheme",
-    "--segmenter",
-    "--set",
-)
+
+@dataclass(frozen=True)
+class Reading:
+    """How a command reads the one file that it is about.
+
+    Parameters
+    ----------
+    textures : bool
+        Whether texture coordinates are read, too.
+    switches, valued : tuple of str
+        Options with which it is read as it is, those with a value apart.
+    """
+
+    textures: bool
+    switches: tuple[str, ...]
+    valued: tuple[str, ...]
+
+
+READINGS = {
+    "embed": Reading(
+        True,
+        (
+            *("--all", "--check-all", "--deliver", "--dry-run", "--json", "--keep-metadata"),
+            "--stamp",
+        ),
+        (
+            *("--allow-unmarked", "--asset", "--asset-version", "--c2pa", "--c2pa-key"),
+            *("--c2pa-tsa", "--frames", "--geodesic", "--key", "--ledger", "--master"),
+            *("--max-mrms", "--output", "-o", "--primvars", "--recipient", "--report"),
+            *("--scheme", "--segmenter", "--set", "--skel", "--strength"),
+        ),
+    ),
+    "verify": Reading(
+        False,
+        ("--all", "--json", "--jsonl"),
+        (
+            *("--fpr", "--frames", "--geodesic", "--jobs", "--key", "--master", "--original"),
+            *("--recipient", "--scheme", "--segmenter", "--set"),
+        ),
+    ),
+}
 
 
 @contextmanager
@@ -38,7 +65,7 @@ def reading_ahead(words: Sequence[str]) -> Iterator[None]:
     if source is None:
         yield
         return
-    read_ahead(source)
+    read_ahead(source, READINGS[words[0]].textures)
     try:
         yield
     finally:
@@ -46,18 +73,19 @@ def reading_ahead(words: Sequence[str]) -> Iterator[None]:
 
 
 def source_of(words: Sequence[str]) -> str | None:
-    """Return the one file that is to be verified as it is; None if it takes more to know it."""
-    if not words or words[0] != "verify":
+    """Return the one file that is to be read as it is; None if it takes more to know it."""
+    reading = READINGS.get(words[0]) if words else None
+    if reading is None:
         return None
     named, rest = [], iter(words[1:])
     for word in rest:
         option, equals, _ = word.partition("=")
-        if option in VALUED:
+        if option in reading.valued:
             if not equals:
                 next(rest, None)
         elif not word.startswith("-"):
             named.append(word)
-        elif word not in SWITCHES:
+        elif word not in reading.switches:
             return None
     if len(named) != 1 or named[0].startswith("@") or not Path(named[0]).is_file():
         return None

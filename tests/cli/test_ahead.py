@@ -8,15 +8,17 @@ import sys
 import pytest
 import typer
 
-from meshmark.cli.ahead import SWITCHES, VALUED, source_of
+from meshmark.cli.ahead import READINGS, source_of
 from meshmark.cli.app import app
 
 
-def test_it_knows_the_options_of_verify() -> None:
-    known = typer.main.get_command(app).commands["verify"].params
+@pytest.mark.parametrize("command", READINGS)
+def test_it_knows_the_options_of_a_command(command) -> None:
+    known = typer.main.get_command(app).commands[command].params
     takes_value = {name: not option.is_flag for option in known[1:] for name in option.opts}
-    assert {name for name in SWITCHES if not takes_value[name]} == {*SWITCHES}
-    assert {name for name in VALUED if takes_value[name]} == {*VALUED}
+    reading = READINGS[command]
+    assert {name for name in reading.switches if not takes_value[name]} == {*reading.switches}
+    assert {name for name in reading.valued if takes_value[name]} == {*reading.valued}
 
 
 @pytest.mark.parametrize(
@@ -31,6 +33,10 @@ def test_it_knows_the_options_of_verify() -> None:
         ("verify a --key k --clip run", False),
         ("verify missing --key k", False),
         ("verify @a --key k", False),
+        ("embed a -o b --key k --check-all", True),
+        ("embed -o a --key k", False),
+        ("embed a -ob --key k", False),
+        ("embed a -o b --key k --prim /m", False),
         ("inspect a", False),
         ("verify", False),
         ("", False),

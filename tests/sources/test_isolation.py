@@ -355,9 +355,20 @@ def test_verify_reads_a_file_once_from_before_it_needs_it(run, readings, tmp_pat
     assert not list(scratch.glob("*/*"))
 
 
-def test_what_was_read_ahead_in_vain_leaves_nothing(run, readings, tmp_path, scratch) -> None:
+def test_embed_reads_a_file_once_with_its_textures(run, readings, tmp_path) -> None:
     source = write_text(tmp_path / "moving.usda", cube("m", points=sampled(MOVING)))
-    code, said = run("verify", source, "--key", "missing")
+    run("embed", source, "--output", "out.usda", "--key", "k")
+    [process] = readings
+    assert processes.WITH_TEXTURES in process.args
+
+
+@pytest.mark.parametrize("words", ["verify", "embed -o out.usda"])
+def test_what_was_read_ahead_in_vain_leaves_nothing(
+    run, readings, tmp_path, scratch, words
+) -> None:
+    source = write_text(tmp_path / "moving.usda", cube("m", points=sampled(MOVING)))
+    command, *more = words.split()
+    code, said = run(command, source, *more, "--key", "missing")
     assert (code, said.count("\n")) == (3, 1)
     [process] = readings
     assert process.returncode is not None

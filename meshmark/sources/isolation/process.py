@@ -99,12 +99,12 @@ class IsolatedProcess:
 _ahead: dict[tuple[str, ...], IsolatedProcess] = {}
 
 
-def read_ahead(source: str) -> None:
+def read_ahead(source: str, textures: bool) -> None:
     """Start reading a source, without parameters, before everything is imported that asks for it.
 
     `read_isolated` waits for that process then, if it asks for the same. It is started only once.
     """
-    words = (PROGRAM, source, WITHOUT, "{}")
+    words = (PROGRAM, source, WITH_TEXTURES if textures else WITHOUT, "{}")
     if words not in _ahead:
         _ahead[words] = IsolatedProcess(*words)
 
