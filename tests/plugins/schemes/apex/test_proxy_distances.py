@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -187,6 +189,8 @@ def test_looking_at_a_copy_takes_no_compiled_loops(monkeypatch):
     monkeypatch.setattr(proxies, "MOST_VERTICES", 600)
     monkeypatch.setattr(proxies, "PROXY_VERTICES", 600)
     # They take longer to load than they would save.
+    # As in a process that has not needed them.
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
     monkeypatch.setattr(kernels, "load_loops", lambda name: pytest.fail(f"loads {name}"))
     V, F = bumpy_sphere(3, HORNS)
     frame = Frame(0.0, V, Topology.from_triangles(F, len(V)))
