@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 
 import numpy as np
@@ -18,7 +19,9 @@ from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.mesh.topology import Topology
 from meshmark.testing.meshes import bent_tube, bumpy_sphere, icosphere, plane, torus
 from meshmark_plugins.schemes.apex.anchors import proxies
+from meshmark_plugins.schemes.apex.anchors.components import large_components
 from meshmark_plugins.schemes.apex.anchors.geodesics import GeodesicDistances
+from meshmark_plugins.schemes.apex.anchors.proxies import MarkingProxies
 from meshmark_plugins.schemes.apex.anchors.proxy_distances import ProxyDistances
 from meshmark_plugins.schemes.apex.scheme import Apex
 
@@ -113,13 +116,27 @@ def test_another_pose_tells_how_much_too_long_ways_are_near_a_source():
     proxy = build_proxy(V, F, 2_500)
     reference = ProxyDistances(V, F, proxy)
     own = ProxyDistances(turned, F, proxy).to_proxy(tips)
-    told = ProxyDistances(turned, F, proxy, reference=reference).to_proxy(tips)
+    told = ProxyDistances(turned, F, proxy, surpluses=reference.surpluses).to_proxy(tips)
     assert np.abs(told - own).max() < 0.05 * BIN
     assert np.abs(reference.surpluses(tips)).max() > 0.05 * BIN
+
+
+def test_surpluses_are_measured_once_and_known_to_workers(monkeypatch):
+    monkeypatch.setattr(proxies, "MOST_VERTICES", 600)
+    monkeypatch.setattr(proxies, "MARKING_PROXY_VERTICES", 600)
+    V, F = bumpy_sphere(4, HORNS, width=0.15)
+    [component] = large_components(V, F)
+    tips = np.array([np.argmax(V @ horn) for horn in HORNS])
+    marking = MarkingProxies(V, F)
+    wanted = marking.distances(V, component).to_proxy(tips)
     # However many are asked for, and in whatever order.
-    np.testing.assert_array_equal(
-        reference.surpluses(tips), ProxyDistances(V, F, proxy).surpluses(tips[::-1])[::-1]
-    )
+    one_by_one = [marking.distances(V, component).to_proxy(tips[[i]])[0] for i in range(len(tips))]
+    np.testing.assert_array_equal(one_by_one, wanted)
+    backwards = MarkingProxies(V, F).distances(V, component).to_proxy(tips[::-1])
+    np.testing.assert_array_equal(backwards[::-1], wanted)
+    sent = pickle.loads(pickle.dumps(marking))
+    monkeypatch.setattr(ProxyDistances, "surpluses", None)
+    np.testing.assert_array_equal(sent.distances(V, component).to_proxy(tips), wanted)
 
 
 def test_a_pose_without_area_has_no_distances():

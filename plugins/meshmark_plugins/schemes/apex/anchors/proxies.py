@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
+
+import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import Frame
@@ -86,6 +88,7 @@ class MarkingProxies(Proxies):
     def __init__(self, V: FloatArray, F: IntArray) -> None:
         super().__init__(V, MARKING_PROXY_VERTICES)
         self._topologies: dict[tuple[int, ...], HeatTopology | None] = {}
+        self._surpluses: dict[tuple[int, ...], dict[int, float]] = {}
         self._references: dict[tuple[int, ...], ProxyDistances] = {}
         for component in large_components(V, F):
             proxy, points = self.of(component), V[component.vertices]
@@ -96,14 +99,24 @@ class MarkingProxies(Proxies):
 
     def distances(self, V: FloatArray, component: Component) -> GeodesicDistances | ProxyDistances:
         """Choose how to measure distances on a component whose vertices are at V (n, 3)."""
-        name = _name(component)
-        proxy, topology = self.of(component), self._topologies.get(name)
+        proxy, topology = self.of(component), self._topologies.get(_name(component))
         if proxy is None:
             return GeodesicDistances(V, component.faces, topology=topology)
-        if name not in self._references:
-            points = self._V[component.vertices]
-            self._references[name] = ProxyDistances(points, component.faces, proxy, topology)
-        return ProxyDistances(V, component.faces, proxy, topology, self._references[name])
+        surpluses = partial(self._surpluses_of, component, proxy)
+        return ProxyDistances(V, component.faces, proxy, topology, surpluses)
+
+    def _surpluses_of(self, component: Component, proxy: Proxy, sources: IntArray) -> FloatArray:
+        """Measure surpluses of distances from vertices in the pose the proxy is of, once each."""
+        name = _name(component)
+        known = self._surpluses.setdefault(name, {})
+        new = np.setdiff1d(sources, list(known))
+        if len(new):
+            if name not in self._references:
+                points, topology = self._V[component.vertices], self._topologies.get(name)
+                self._references[name] = ProxyDistances(points, component.faces, proxy, topology)
+            found = self._references[name].surpluses(new)
+            known.update(zip(new.tolist(), found.tolist(), strict=True))
+        return np.array([known[source] for source in sources.tolist()])
 
     def __getstate__(self) -> dict[str, Any]:
         # Factors are built in less time than they are sent in.

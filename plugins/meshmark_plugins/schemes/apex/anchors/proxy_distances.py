@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array
@@ -151,9 +153,9 @@ class ProxyDistances:
         Of the surface.
     topology : HeatTopology, optional
         Of the proxy; see `GeodesicDistances`.
-    reference : ProxyDistances, optional
-        Of another pose of the surface, which tells how much too long distances near a source are.
-        It hardly depends on the pose: by a hundredth of a bin.
+    surpluses : callable, optional
+        Tells how much too long distances from vertices (S,) are near them, (S,). It hardly depends
+        on the pose, by a hundredth of a bin: the method of this name does, in another one.
 
     Attributes
     ----------
@@ -176,7 +178,7 @@ class ProxyDistances:
         F: IntArray,
         proxy: Proxy,
         topology: HeatTopology | None = None,
-        reference: ProxyDistances | None = None,
+        surpluses: Callable[[IntArray], FloatArray] | None = None,
     ) -> None:
         self.root_area = float(np.sqrt(face_areas(V, F).sum()))
         if self.root_area == 0.0:
@@ -186,8 +188,7 @@ class ProxyDistances:
             self.V, proxy.faces, self.root_area, proxy.order, topology
         )
         self._of_mesh = V / self.root_area, F
-        self._reference = reference
-        self._surpluses: dict[int, float] = {}
+        self._surpluses = surpluses
         own_area = face_areas(self.V, proxy.faces).sum()
         self._spacing = float(np.sqrt(own_area / len(self.V))) / self.root_area
 
@@ -202,19 +203,15 @@ class ProxyDistances:
     def to_proxy(self, sources: IntArray) -> FloatArray:
         """Measure from each of several vertices to those of the proxy, (S, n), in root areas."""
         found = self._uncorrected(sources)
-        if self._reference is None:
+        if self._surpluses is None:
             surpluses = self._measure_surpluses(sources, found)
         else:
-            surpluses = self._reference.surpluses(sources)
+            surpluses = self._surpluses(sources)
         return np.maximum(found - surpluses[:, None], 0.0)
 
     def surpluses(self, sources: IntArray) -> FloatArray:
-        """Find by how much distances from vertices (S,) are too long near them, (S,); once each."""
-        new = np.setdiff1d(sources, list(self._surpluses))
-        if len(new):
-            found = self._measure_surpluses(new, self._uncorrected(new))
-            self._surpluses.update(zip(new.tolist(), found.tolist(), strict=True))
-        return np.array([self._surpluses[source] for source in sources.tolist()])
+        """Measure by how much distances from vertices (S,) are too long near them, (S,)."""
+        return self._measure_surpluses(sources, self._uncorrected(sources))
 
     def _uncorrected(self, sources: IntArray) -> FloatArray:
         at = [self.proxy.prolongation[[source]] for source in sources.tolist()]
