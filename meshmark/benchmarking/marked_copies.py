@@ -11,6 +11,7 @@ from typing import Any
 
 from meshmark.benchmarking.subjects import Subject, select_frames
 from meshmark.delivery.unmarked import split_fit, split_in_place
+from meshmark.detection.original_layout import OriginalLayout
 from meshmark.embedding.asset import embed
 from meshmark.embedding.mesh import embed_animation
 from meshmark.extension.recipe import Recipe
@@ -140,13 +141,14 @@ def make_recipients_copy(
     for mesh in master.load().meshes:
         tell = None if progress is None else partial(progress, mesh.prim)
         for layer in informed:
+            scheme = layer.build()
             mesh = embed_animation(
                 mesh,
-                layer.build(),
+                scheme,
                 layer.scheme,
                 key,
                 recipient=recipient,
-                original=chosen.mesh(mesh.prim),
+                original=OriginalLayout(chosen.mesh(mesh.prim), scheme),
                 jobs=jobs,
                 progress=tell,
             ).animation

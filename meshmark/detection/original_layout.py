@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from meshmark.extension.informed import layout_frame
 from meshmark.mesh.animation import Frame, MeshAnimation
+from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
+from meshmark.workers.beside import begin_beside
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +27,7 @@ class OriginalLayout:
 
     original: MeshAnimation
     scheme: Any
+    _begun: Future[Any] | None = field(default=None, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         # What is made again where it is needed need not travel.
@@ -46,4 +50,20 @@ class OriginalLayout:
     @cached_property
     def layout(self) -> Any:
         """Where chips lie: an `InformedLayout`."""
-        return self.scheme.layout(self._seen[1])
+        return self._lay_out() if self._begun is None else self._begun.result()
+
+    def begin(self) -> None:
+        """Lay chips out in a thread, until somebody asks where they lie.
+
+        Raises
+        ------
+        CapacityError
+            If no frame has a surface.
+        """
+        # Files are read in one thread only.
+        assert self._seen
+        object.__setattr__(self, "_begun", begin_beside(self._lay_out))
+
+    def _lay_out(self) -> Any:
+        with breakdown_means_no_capacity():
+            return self.scheme.layout(self._seen[1])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from meshmark.detection.original_layout import OriginalLayout
 from meshmark.embedding.mesh import Embedded, embed_animation
 from meshmark.errors import CapacityError, InputError, MeshmarkError, NoExtentError
 from meshmark.extension.informed import InformedScheme
@@ -297,11 +298,19 @@ def _mark(
     CapacityError
         If it can hold none; the reason of the last layer, which asks least of a mesh.
     """
-    informed = any(isinstance(layer.scheme, InformedScheme) for layer in layers)
+    informed = {
+        layer.name: OriginalLayout(animation, layer.scheme)
+        for layer in layers
+        if isinstance(layer.scheme, InformedScheme)
+    }
+    if jobs > 1:
+        for original in informed.values():
+            # Beside what other layers do one after the other.
+            original.begin()
     done: list[Embedded] = []
     refused: list[tuple[str, CapacityError]] = []
     for layer in layers:
-        for_all = informed and not isinstance(layer.scheme, InformedScheme)
+        for_all = bool(informed) and layer.name not in informed
         try:
             embedded = embed_animation(
                 done[-1].animation if done else animation,
@@ -310,7 +319,7 @@ def _mark(
                 key,
                 recipient=None if for_all else recipient,
                 frames=frames,
-                original=animation,
+                original=informed.get(layer.name),
                 jobs=jobs,
                 progress=progress,
             )

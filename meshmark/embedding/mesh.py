@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 
 from meshmark.arrays import FloatArray, IntArray, SignArray
+from meshmark.detection.original_layout import OriginalLayout
 from meshmark.errors import CapacityError, InputError, MeshmarkError
 from meshmark.extension.informed import (
     InformedLayout,
     InformedScheme,
-    layout_frame,
     signs_of,
 )
 from meshmark.extension.interfaces import MarkingPlan, Scheme
@@ -63,7 +63,7 @@ def embed_animation(
     *,
     recipient: str | None = None,
     frames: tuple[int, ...] | None = None,
-    original: MeshAnimation | None = None,
+    original: OriginalLayout | None = None,
     jobs: int = 1,
     progress: FrameProgress | None = None,
 ) -> Embedded:
@@ -73,9 +73,8 @@ def embed_animation(
     ----------
     frames : tuple of int, optional
         Indices of the frames to mark; all by default.
-    original : MeshAnimation, optional
-        What `animation` was before other layers marked it: informed schemes lay their chips out on
-        that.
+    original : OriginalLayout, optional
+        Where an informed scheme's chips lie on what `animation` was before other layers marked it.
     jobs : int
         Processes that work, this one among them.
     progress : callable, optional
@@ -105,7 +104,8 @@ def embed_animation(
         with breakdown_means_no_capacity():
             if isinstance(scheme, InformedScheme):
                 signs = partial(signs_of, key, scheme_name, recipient=recipient)
-                work = plan_informed(some, scheme, signs, original or animation, jobs=jobs)
+                original = original or OriginalLayout(animation, scheme)
+                work = plan_informed(some, original, signs, jobs=jobs)
             else:
                 words = key.words(scheme_name, scheme.n_words, scheme.n_chips, recipient)
                 generator = key.generator(f"embed/{scheme_name}")
@@ -145,9 +145,8 @@ def plan_marking(
 
 def plan_informed(
     animation: MeshAnimation,
-    scheme: InformedScheme,
+    original: OriginalLayout,
     signs: Callable[[InformedLayout], SignArray],
-    original: MeshAnimation,
     *,
     jobs: int,
 ) -> MarkFrame:
@@ -155,14 +154,14 @@ def plan_informed(
 
     Parameters
     ----------
+    original : OriginalLayout
+        Where the scheme's chips lie on what `animation` was before other layers marked it.
     signs : callable
         Derives the chips' signs for a layout.
-    original : MeshAnimation
-        What the chips are laid out on.
     """
-    welding, frame = layout_frame(original)
-    layout = scheme.layout(frame)
-    plan = scheme.plan(animation.map(welding.frame), layout, signs(layout), jobs=jobs)
+    welding, layout = original.welding, original.layout
+    seen = animation.map(welding.frame)
+    plan = original.scheme.plan(seen, layout, signs(layout), jobs=jobs)
     return MarkFrame(animation, welding, plan)
 
 

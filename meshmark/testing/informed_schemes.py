@@ -19,6 +19,7 @@ import pytest
 
 from meshmark.detection.evidence import Evidence
 from meshmark.detection.informed import extract_informed
+from meshmark.detection.original_layout import OriginalLayout
 from meshmark.detection.significance import judge, log10_p_of
 from meshmark.embedding.mesh import embed_animation, plan_informed
 from meshmark.errors import CapacityError
@@ -136,7 +137,10 @@ class InformedSchemeSuite(PlanningSchemeSuite):
         pair = animation.select([0, len(animation) - 1])
         before = [frame.points.copy() for frame in pair]
         plan = plan_informed(
-            pair, scheme, lambda layout: signs_of(KEY, NAME, layout, None), animation, jobs=1
+            pair,
+            OriginalLayout(animation, scheme),
+            lambda layout: signs_of(KEY, NAME, layout, None),
+            jobs=1,
         )
         there = pickle.loads(pickle.dumps(plan))
         moves = [plan(t) for t in (1, 0)][::-1]
