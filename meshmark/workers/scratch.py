@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmark.arrays import FloatArray, IntArray
+from meshmark.arrays import FloatArray
 from meshmark.errors import OutputError
 from meshmark.files.temporary import ScratchFolder, no_room
 from meshmark.mesh.animation import Frame, FrameSource
 
-SINGLE, DOUBLE, WHOLE = "<f4", "<f8", "<i4"
+SINGLE, DOUBLE = "<f4", "<f8"
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ScratchFile:
     n_points : int
         N.
     dtype : str
-        Type on disk: float32, float64 for what more is computed with, or int32 for whole numbers.
+        Type on disk: float32, or float64 for what more is computed with.
     width : int
         Numbers for each point.
     """
@@ -70,7 +70,7 @@ class ScratchFile:
         n_frames, n_points : int
             T and N.
         dtype : str
-            `SINGLE`, `DOUBLE` or `WHOLE`.
+            `SINGLE` or `DOUBLE`.
         width : int
             Numbers for each point.
 
@@ -88,7 +88,7 @@ class ScratchFile:
             raise OutputError(no_room(error), source=tempfile.gettempdir()) from None
         return scratch
 
-    def write(self, index: int, displacement: FloatArray | IntArray) -> None:
+    def write(self, index: int, displacement: FloatArray) -> None:
         """Store the displacement of frame `index`, (N, width)."""
         data = np.ascontiguousarray(displacement, dtype=self.dtype)
         with self.path.open("r+b") as file:

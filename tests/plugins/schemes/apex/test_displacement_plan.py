@@ -21,7 +21,6 @@ from meshmark_plugins.schemes.apex.marking.displacement_transfer import Displace
 from meshmark_plugins.schemes.apex.marking.plan import (
     MAX_POSES_PER_KEYFRAME,
     SurfacePlan,
-    hold_back,
     limit_mrms,
     poses_of_keyframe,
     spread_keyframes,
@@ -122,19 +121,6 @@ def test_what_one_pose_would_hold_back_is_held_back_in_all(gallop, gallop_plan):
         surface = ClosestPoints(frame.points, frame.faces)
         _, share, _ = gallop_plan.transfer.apply(frame.points, gallop_plan.displacement(t), surface)
         assert np.mean(share < 1.0) < 1e-3
-
-
-def test_what_was_laid_down_to_hold_back_is_not_searched_again(gallop, gallop_plan):
-    whole = replace(gallop_plan, scale=1.0, known={}, ends={}, shares=None)
-    plan = hold_back(whole, gallop, [[*range(len(gallop))]])
-    assert set(plan.ends) == set(range(len(gallop)))
-    nowhere = ScratchFile.create(1, len(plan.transfer.V), width=1)
-    for t, frame in enumerate(gallop):
-        marked = plan.mark(t, frame)
-        np.testing.assert_array_equal(marked, replace(plan, ends={}).mark(t, frame))
-        assert np.any(marked != replace(plan, ends={t: (nowhere, 0)}).mark(t, frame))
-    weakened = limit_mrms(plan, gallop, 0.5 * mean_mrms(plan, gallop))
-    assert not weakened.ends
 
 
 def test_anchors_stay_where_they_are(gallop, gallop_plan):

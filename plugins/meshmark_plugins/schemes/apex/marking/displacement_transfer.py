@@ -14,12 +14,15 @@ from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import Proxy
-from meshmark.mesh.topology import Topology, face_components
+from meshmark.mesh.topology import Topology, face_components, faces_about_vertices
 from meshmark.mesh.triangle_search import search_order
 
 # Way, in moves, over which moves grow about a vertex that must not move: a third of their length
 # an own length, which is far from turning a face over.
 RAMP = 3.0
+# How far from where it was to go a vertex may be laid down, in roots of a triangle's area, should
+# there be a closer place beyond a bend.
+TOLERANCE = 0.07
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,14 @@ class DisplacementTransfer:
         return Topology.from_triangles(self.surface[1], len(self.surface[0]))
 
     @cached_property
+    def _faces(self) -> IntArray:
+        """A triangle of each vertex, to walk from, (N,); of those without any, the first of all."""
+        start, about = faces_about_vertices(self.F)
+        faces, used = np.zeros(len(self.V), dtype=np.int64), np.flatnonzero(np.diff(start))
+        faces[used] = about[start[used]]
+        return faces
+
+    @cached_property
     def order(self) -> IntArray | None:
         """The `search_order` of the triangles."""
         return search_order(self.V, self.F)
@@ -87,7 +98,6 @@ class DisplacementTransfer:
         d: FloatArray,
         original: ClosestPoints,
         shares: FloatArray | float = 1.0,
-        ends: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray, IntArray]:
         """Apply a displacement (3 n,) to another frame, and lay it on that frame's surface.
 
@@ -101,8 +111,6 @@ class DisplacementTransfer:
             The frame's surface.
         shares : (N,) float64, optional
             How much of its move is left to each vertex from the start.
-        ends : (N,) int, optional
-            The triangle of the surface that each whole move ends in, if that is known.
 
         Returns
         -------
@@ -111,15 +119,11 @@ class DisplacementTransfer:
         share : (N,) float64
             How much of its move that left each vertex.
         face : (N,) int
-            The triangle of the surface that its whole move, or what is left of it from the start,
-            would end in.
+            The triangle of the surface that its whole move would end in.
         """
         moved = P + self.moves(P, d, shares)
-        if ends is None:
-            face = original.faces(moved)
-        else:
-            face, is_less = ends.copy(), np.broadcast_to(shares, len(P)) < 1.0
-            face[is_less] = original.faces(moved[is_less])
+        tolerance = TOLERANCE * np.sqrt(face_areas(P, self.F))[self._faces]
+        face = original.faces_near(moved, self._faces, tolerance)
         wanted = original.points_in(face, moved)
         share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)
         return P + share[:, None] * (wanted - P), share, face

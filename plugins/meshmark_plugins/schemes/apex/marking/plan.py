@@ -16,7 +16,7 @@ from meshmark.mesh.frame_range import spread
 from meshmark.metrics.summary import standard_error
 from meshmark.metrics.surface_distance import surface_distance
 from meshmark.workers.ordered_map import ordered_map
-from meshmark.workers.scratch import DOUBLE, WHOLE, ScratchFile
+from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
@@ -81,8 +81,6 @@ class SurfacePlan:
         Share of the displacements that is applied.
     known : mapping of int to (ScratchFile, int)
         Frames that were marked when their distortion was measured: where marked positions are kept.
-    ends : mapping of int to (ScratchFile, int)
-        Frames in which whole moves were laid down: where the triangles are kept that they end in.
     """
 
     transfer: DisplacementTransfer
@@ -92,7 +90,6 @@ class SurfacePlan:
     shares: ScratchFile | None = None
     scale: float = 1.0
     known: Mapping[int, Kept] = field(default_factory=dict)
-    ends: Mapping[int, Kept] = field(default_factory=dict)
 
     def mark(self, index: int, frame: Frame) -> FloatArray:
         """Return the marked positions (N, 3) of frame `index`."""
@@ -101,8 +98,7 @@ class SurfacePlan:
             return kept.read(place)
         P, F = frame.points, frame.faces
         original = self.transfer.closest_points(P)
-        d, share = self.displacement(index), self.share(index)
-        X, _, face = self.transfer.apply(P, d, original, share, self._ends(index))
+        X, _, face = self.transfer.apply(P, self.displacement(index), original, self.share(index))
         return restrain(P, fit_to_surface(X, F, original, face), F, np.inf, RAMP)
 
     def displacement(self, index: int) -> FloatArray:
@@ -112,13 +108,6 @@ class SurfacePlan:
     def share(self, index: int) -> FloatArray | float:
         """Blend the shares of the keyframes before and after a frame that are left, (N,)."""
         return 1.0 if self.shares is None else self._blend(self.shares, index)
-
-    def _ends(self, index: int) -> IntArray | None:
-        """Return the triangles that whole moves in a frame end in, (N,), if they are known."""
-        if index not in self.ends:
-            return None
-        kept, place = self.ends[index]
-        return kept.read(place).ravel().astype(np.int64)
 
     def _blend(self, kept: ScratchFile, index: int, scale: float = 1.0) -> FloatArray:
         last = len(self.keyframes) - 1
@@ -217,33 +206,24 @@ def hold_back(
     for j in range(len(poses)):
         shares.write(j, np.ones(len(plan.transfer.V)))
     frames = sorted(set().union(*poses))
-    kept = ScratchFile.create(len(frames), len(plan.transfer.V), WHOLE, width=1)
-    ends = {t: (kept, place) for place, t in enumerate(frames)}
-    left = ordered_map(_MeasureShares(plan, animation, ends), frames, jobs=jobs)
+    left = ordered_map(_MeasureShares(plan, animation), frames, jobs=jobs)
     for t, share in zip(frames, left, strict=True):
         for j in (j for j, served in enumerate(poses) if t in served):
             shares.write(j, np.minimum(shares.read(j).ravel(), share))
-    return replace(plan, shares=shares, ends=ends)
+    return replace(plan, shares=shares)
 
 
 @dataclass(frozen=True, eq=False)
 class _MeasureShares:
-    """Measures how much of its move a plan leaves to each vertex of a frame, (N,).
-
-    The triangles that moves end in are kept where `ends` says.
-    """
+    """Measures how much of its move a plan leaves to each vertex of a frame, (N,)."""
 
     plan: SurfacePlan
     animation: MeshAnimation
-    ends: Mapping[int, Kept]
 
     def __call__(self, index: int) -> FloatArray:
         P = self.animation[index].points
         original = self.plan.transfer.closest_points(P)
-        _, share, face = self.plan.transfer.apply(P, self.plan.displacement(index), original)
-        kept, place = self.ends[index]
-        kept.write(place, face)
-        return share
+        return self.plan.transfer.apply(P, self.plan.displacement(index), original)[1]
 
 
 def limit_mrms(
@@ -258,7 +238,7 @@ def limit_mrms(
         if mean <= max_mrms:
             return replace(plan, known=known)
         scale = plan.scale * MRMS_AIM * max_mrms / mean
-        plan = replace(plan, scale=scale, known={}, ends={})
+        plan = replace(plan, scale=scale, known={})
 
 
 def _mean_mrms(
