@@ -16,11 +16,16 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
 from meshmark.workers.ordered_map import ordered_map
-from meshmark_plugins.schemes.apex.anchors.detect import detect_anchors, distance_to_border
+from meshmark_plugins.schemes.apex.anchors.detect import (
+    ComponentAnchors,
+    detect_anchors,
+    distance_to_border,
+)
 from meshmark_plugins.schemes.apex.anchors.persistence import (
     MIN_PERSISTENCE_DETECTED,
     MIN_PERSISTENCE_MARKED,
 )
+from meshmark_plugins.schemes.apex.anchors.pose_distances import PoseDistances
 from meshmark_plugins.schemes.apex.anchors.proxies import MarkingProxies, Proxies
 
 # Most anchors that are tracked, and frames in which they are.
@@ -48,11 +53,17 @@ class FrameAnchors:
         Frames as analysis sees them, of one topology.
     jobs : int
         Processes that work, this one among them.
+
+    Attributes
+    ----------
+    distances : PoseDistances
+        From the anchors of each pose.
     """
 
     def __init__(self, animation: MeshAnimation, jobs: int) -> None:
         self.animation, self.jobs = animation, jobs
         self._detected: dict[int, tuple[IntArray, FloatArray]] = {}
+        self.distances = PoseDistances.create()
         self._poses = RecurringPoses(animation)
 
     @cached_property
@@ -63,11 +74,16 @@ class FrameAnchors:
 
     def of(self, frames: Sequence[int]) -> list[tuple[IntArray, FloatArray]]:
         """Return vertices and persistence of the anchors of some frames, maybe none."""
-        poses = [self._poses.first(t) for t in frames]
+        poses = [self.pose(t) for t in frames]
         new = sorted(set(poses) - set(self._detected))
-        found = ordered_map(DetectInFrame(self.animation, self.proxies), new, jobs=self.jobs)
+        detect = DetectInFrame(self.animation, self.proxies, self.distances)
+        found = ordered_map(detect, new, jobs=self.jobs)
         self._detected.update(zip(new, found, strict=True))
         return [self._detected[t] for t in poses]
+
+    def pose(self, index: int) -> int:
+        """Return the frame in which the pose of frame `index` was looked at."""
+        return self._poses.first(index)
 
 
 class RecurringPoses:
@@ -115,20 +131,31 @@ class DetectInFrame:
 
     animation: MeshAnimation
     proxies: Proxies
+    distances: PoseDistances
 
     def __call__(self, index: int) -> tuple[IntArray, FloatArray]:
-        """Return vertices and persistence of the anchors of frame `index`, maybe none."""
+        """Return vertices and persistence of the anchors of frame `index`, maybe none.
+
+        Distances from them are kept, as long as all is at hand that measuring them takes.
+        """
         frame = self.animation[index]
-        return anchors_if_any(frame.points, frame.faces, self.proxies)
+        found = anchors_if_any(frame.points, frame.faces, self.proxies)
+        self.distances.keep(index, found)
+        return _vertices_and_persistence(found)
 
 
 def anchors_if_any(
     V: FloatArray, F: IntArray, proxies: Proxies | None = None
-) -> tuple[IntArray, FloatArray]:
-    """Detect the anchors of one mesh, vertices and persistence; none is no error here."""
+) -> list[ComponentAnchors]:
+    """Detect the anchors of one mesh; none is no error here."""
     try:
-        found = detect_anchors(V, F, MIN_PERSISTENCE_DETECTED, MAX_TRACKED_ANCHORS, proxies)
+        return detect_anchors(V, F, MIN_PERSISTENCE_DETECTED, MAX_TRACKED_ANCHORS, proxies)
     except CapacityError:
+        return []
+
+
+def _vertices_and_persistence(found: list[ComponentAnchors]) -> tuple[IntArray, FloatArray]:
+    if not found:
         return np.empty(0, dtype=np.int64), np.empty(0)
     vertices = np.concatenate([each.component.vertices[each.maxima.vertices] for each in found])
     return vertices, np.concatenate([each.maxima.persistence for each in found])
@@ -252,7 +279,8 @@ def _survivors(frame_anchors: FrameAnchors, anchors: IntArray, near: float) -> I
     first = frame_anchors.animation[0]
     V = first.points
     smoothed = smooth(V, polygon_umbrella(first.topology), TRIAL_SMOOTHING_ITERATIONS)
-    again, _ = anchors_if_any(smoothed, first.faces, frame_anchors.proxies)
+    found = anchors_if_any(smoothed, first.faces, frame_anchors.proxies)
+    again, _ = _vertices_and_persistence(found)
     if not again.size:
         return anchors
     gaps = np.linalg.norm(V[anchors][:, None] - V[again][None], axis=2).min(axis=1)

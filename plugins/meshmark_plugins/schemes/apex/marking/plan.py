@@ -160,7 +160,8 @@ def plan_animation(
     transfer = DisplacementTransfer(first.points, first.faces, planning.proxy)
     keyframes = spread_keyframes(len(animation), parameters.hold)
     poses = [poses_of_keyframe(keyframes, j, len(animation)) for j in range(len(keyframes))]
-    seen = anchors_in_poses(frame_anchors, anchors.vertices, sorted(set().union(*poses)))
+    served = sorted(set().union(*poses))
+    seen = anchors_in_poses(frame_anchors, anchors.vertices, served)
     shown = np.unique(np.concatenate(list(seen.values())))
     guards = geodesic_fields(transfer.V, transfer.F, shown, proxies=proxies)
     guards = [planning.of_proxy(guard) for guard in guards]
@@ -168,7 +169,17 @@ def plan_animation(
     few = REMEMBERED_POINTS // len(transfer.surface[0])
     displaced = animation.map(transfer.displaced).remembered(few)
     constraints = PoseConstraints(
-        animation, transfer, displaced, anchors, own_words, parameters, seen, planning, proxies
+        animation,
+        transfer,
+        displaced,
+        anchors,
+        own_words,
+        parameters,
+        seen,
+        {t: frame_anchors.pose(t) for t in served},
+        frame_anchors.distances,
+        planning,
+        proxies,
     )
     solved = solve_keyframes(KeyframeSolver(constraints, guards, poses), jobs)
     plan = SurfacePlan(transfer, keyframes, solved, len(anchors.vertices))

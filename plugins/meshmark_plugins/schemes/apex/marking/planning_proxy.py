@@ -61,15 +61,15 @@ class PlanningProxy:
     proxy: Proxy | None
     parts: list[Part]
 
-    def number_of(self, component: Component) -> int:
-        """Find which part stands for a component of the mesh."""
-        first = [int(part.vertices[0]) for part in self.parts]
-        return first.index(int(component.vertices[0]))
+    def number_of(self, first: int) -> int:
+        """Find which part stands for the component of the mesh that has this first vertex."""
+        return [int(part.vertices[0]) for part in self.parts].index(first)
 
     def of_proxy(self, field: GeodesicField) -> GeodesicField:
         """Take distances on a component of the mesh for those on what of it is displaced."""
         V, _, H = field.surface
-        component = self.parts[self.number_of(field.component)].component
+        number = self.number_of(int(field.component.vertices[0]))
+        component = self.parts[number].component
         return replace(field, component=component, V=V, H=H, on_proxy=None)
 
 

@@ -13,6 +13,7 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import GeodesicField
+from meshmark_plugins.schemes.apex.anchors.pose_distances import PoseDistances
 from meshmark_plugins.schemes.apex.anchors.proxies import Proxies
 from meshmark_plugins.schemes.apex.chips.gradients import (
     carried_changes,
@@ -113,6 +114,10 @@ class PoseConstraints:
         Bins and strength.
     pose_vertices : mapping of (C,) int
         Where the anchors are detected in each pose, by frame.
+    poses : mapping of int
+        The frame in which each pose was looked at for anchors, by frame.
+    distances : PoseDistances
+        From those that were detected.
     planning : PlanningProxy
         What is displaced; chips count every vertex of the mesh.
     proxies : Proxies
@@ -132,6 +137,8 @@ class PoseConstraints:
     words: IntArray
     parameters: Parameters
     pose_vertices: Mapping[int, IntArray]
+    poses: Mapping[int, int]
+    distances: PoseDistances
     planning: PlanningProxy
     proxies: Proxies
 
@@ -163,17 +170,41 @@ class PoseConstraints:
         return self._linear(found, d), fields
 
     def _measure(self, index: int) -> list[PartField]:
-        """Measure distances in a pose, part by part."""
-        points = self.animation[index].points
-        anchors = replace(self.anchors, vertices=self.pose_vertices[index])
-        transfer = self.transfer
+        """Measure distances in a pose, part by part, unless they are known from detection."""
         fields = []
-        for rows, field in anchors.fields(points, transfer.F, transfer.label, self.proxies):
-            number = self.planning.number_of(field.component)
+        for rows, number, field in self._kept(index) or self._measured(index):
             V, F, H = field.surface
             means = surface_means(V, F, H, self._bin_width(rows), self.parameters.bins)
-            fields.append(PartField(number, rows, self.planning.of_proxy(field), means))
+            fields.append(PartField(number, rows, field, means))
         return fields
+
+    def _kept(self, index: int) -> list[tuple[IntArray, int, GeodesicField]]:
+        """Find distances that detection measured; none if any anchor was not detected."""
+        P, vertices = self.displaced[index].points, self.pose_vertices[index]
+        found, n_found = [], 0
+        for kept in self.distances.of(self.poses[index]):
+            rows = np.flatnonzero(np.isin(vertices, kept.anchors))
+            if not rows.size:
+                continue
+            number = self.planning.number_of(kept.first)
+            component, H = self.planning.parts[number].component, kept.from_some(vertices[rows])
+            V, unknown = P[component.vertices], np.zeros(len(rows))
+            field = GeodesicField(component, V, *kept.root_areas, vertices[rows], unknown, H)
+            found.append((rows, number, field))
+            n_found += len(rows)
+        return found if n_found == len(vertices) else []
+
+    def _measured(self, index: int) -> list[tuple[IntArray, int, GeodesicField]]:
+        anchors = replace(self.anchors, vertices=self.pose_vertices[index])
+        points, transfer = self.animation[index].points, self.transfer
+        return [
+            (
+                rows,
+                self.planning.number_of(int(field.component.vertices[0])),
+                self.planning.of_proxy(field),
+            )
+            for rows, field in anchors.fields(points, transfer.F, transfer.label, self.proxies)
+        ]
 
     def _weights(self, measured: PartField, moves: FloatArray) -> FloatArray:
         """Find the whitening weights of the mesh's vertices on a displaced part, (N,)."""
