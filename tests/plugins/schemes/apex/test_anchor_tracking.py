@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import bumpy_sphere, capsule
 from meshmark.workers.scratch import DOUBLE, ScratchFile
 from meshmark_plugins.schemes.apex.anchors import track
+from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
 from meshmark_plugins.schemes.apex.anchors.track import (
     FrameAnchors,
     RecurringPoses,
@@ -94,9 +97,27 @@ def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
     assert sorted(found) == [0, 2]
     np.testing.assert_array_equal(found[0], tips)
     first = int(np.argmax(V[tips] @ HORNS[0]))
-    shown = anchors_if_any(animation[2].points, animation[2].faces)[0]
+    [shown] = anchors_if_any(animation[2].points, animation[2].faces)
+    shown = shown.component.vertices[shown.maxima.vertices]
     for c in range(5):
         assert found[2][c] == beside[c] if c == first else found[2][c] in shown
+
+
+def test_distances_from_anchors_are_kept_for_each_pose():
+    animation = horned(np.array([AT_REST[0], AT_REST[0] + 0.2, AT_REST[0]]))
+    anchors = FrameAnchors(animation, 1)
+    detected = anchors.of(range(3))
+    assert [anchors.pose(t) for t in range(3)] == [0, 1, 0]
+    there = pickle.loads(pickle.dumps(anchors.distances))
+    for t in (0, 1):
+        V, F = animation[t].points, animation[t].faces
+        [wanted] = geodesic_fields(V, F, detected[t][0], proxies=anchors.proxies)
+        [found] = there.of(t)
+        assert (found.first, found.root_areas[0]) == (0, wanted.length_scale)
+        some = wanted.anchors[[3, 1]]
+        np.testing.assert_allclose(found.from_some(some), wanted.H[[3, 1]], atol=1e-6)
+    # Of what was not looked at, nothing is known.
+    assert there.of(2) == []
 
 
 def test_tips_on_an_open_border_are_left_out():

@@ -13,6 +13,7 @@ from meshmark.metrics.surface_distance import surface_distance
 from meshmark.testing.meshes import bumpy_sphere, icosphere, side_by_side
 from meshmark_plugins.schemes.apex.anchors import proxies
 from meshmark_plugins.schemes.apex.anchors.geodesic_field import geodesic_fields
+from meshmark_plugins.schemes.apex.anchors.pose_distances import PoseDistances
 from meshmark_plugins.schemes.apex.anchors.proxies import MarkingProxies
 from meshmark_plugins.schemes.apex.chips.gradients import (
     distance_directions,
@@ -21,6 +22,7 @@ from meshmark_plugins.schemes.apex.chips.gradients import (
 )
 from meshmark_plugins.schemes.apex.marking.marked_anchors import field_chips
 from meshmark_plugins.schemes.apex.marking.planning_proxy import planning_proxy
+from meshmark_plugins.schemes.apex.marking.pose_constraints import PoseConstraints
 from meshmark_plugins.schemes.apex.scheme import Apex
 
 HORNS = np.array([[1, 0.2, 0.1], [-0.3, 1, 0.2], [-0.6, -0.7, 0.5], [0.2, -0.5, -1]])
@@ -149,3 +151,23 @@ def test_what_one_pose_would_hold_back_is_held_back_in_all_of_a_fine_mesh(fine):
         surface = ClosestPoints(P, animation[0].faces)
         _, share, _ = plan.transfer.apply(P, d, surface, left)
         assert np.mean(share < 1.0) < 0.01
+
+
+def test_what_detection_measured_is_not_measured_again(fine, monkeypatch):
+    """By a proxy or without, in a pose that recurs elsewhere, too."""
+    V, F = bumpy_sphere(4, HORNS)
+    animation = MeshAnimation.from_arrays(np.stack([V, 1.02 * V, V + 5.0]), F)
+    again, measure = [], PoseConstraints._measured
+    monkeypatch.setattr(
+        PoseConstraints, "_measured", lambda self, t: again.append(t) or measure(self, t)
+    )
+    for vertices in (len(V), 1_000):
+        fine(vertices)
+        with monkeypatch.context() as forgetful:
+            forgetful.setattr(PoseDistances, "of", lambda *_: [])
+            wanted = Apex().plan(animation, WORDS).displacement(0)
+        assert sorted(again) == [0, 1, 2]
+        again.clear()
+        found = Apex().plan(animation, WORDS).displacement(0)
+        assert not again
+        np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
