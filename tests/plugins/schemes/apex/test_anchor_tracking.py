@@ -103,6 +103,24 @@ def test_anchors_are_where_each_pose_shows_them_and_stay_where_none_is_seen():
         assert found[2][c] == beside[c] if c == first else found[2][c] in shown
 
 
+def test_a_tip_of_another_piece_nearby_is_another_anchor():
+    """Two bodies with horns that nearly touch, one of which goes."""
+    horn = np.array([[1.0, 0.0, 0.0]])
+    poses = [bumpy_sphere(4, horn, height, 0.3)[0] for height in (1.5, 0.0)]
+    mirrored, F = bumpy_sphere(4, -horn, 1.5, 0.3)
+    mirrored[:, 0] += 2.0 * poses[0][:, 0].max() + 0.02
+    n = len(mirrored)
+    animation = MeshAnimation.from_arrays(
+        np.stack([np.concatenate([V, mirrored]) for V in poses]), np.concatenate([F, F + n])
+    )
+    tips = np.array([np.argmax(poses[0][:, 0]), n + np.argmin(mirrored[:, 0])])
+    detected, _ = FrameAnchors(animation, 1).of([1])[0]
+    assert tips[1] in detected
+    assert tips[0] not in detected
+    found = anchors_in_poses(FrameAnchors(animation, 1), tips[:1], [0, 1])
+    assert [found[0][0], found[1][0]] == [tips[0], tips[0]]
+
+
 def test_distances_from_anchors_are_kept_for_each_pose():
     animation = horned(np.array([AT_REST[0], AT_REST[0] + 0.2, AT_REST[0]]))
     anchors = FrameAnchors(animation, 1)

@@ -15,6 +15,7 @@ from meshmark.errors import CapacityError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.smoothing import polygon_umbrella, smooth
+from meshmark.mesh.topology import vertex_components
 from meshmark.workers.ordered_map import ordered_map
 from meshmark_plugins.schemes.apex.anchors.detect import (
     ComponentAnchors,
@@ -230,9 +231,12 @@ def anchors_in_poses(
     """
     first = frame_anchors.animation[0]
     near = SAME_ANCHOR_DISTANCE * float(np.sqrt(face_areas(first.points, first.faces).sum()))
+    piece = vertex_components(first.faces, len(first.points))
     found = {}
     for t, (vertices, _) in zip(frames, frame_anchors.of(frames), strict=True):
         gaps = cdist(first.points[anchors], first.points[vertices])
+        # What another piece shows nearby is another tip.
+        gaps[piece[anchors][:, None] != piece[vertices]] = np.inf
         own, theirs = linear_sum_assignment(np.minimum(gaps, 2.0 * near))
         is_near = gaps[own, theirs] <= near
         found[t] = anchors.copy()
