@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -305,8 +306,9 @@ def _mark(
     }
     if jobs > 1:
         for original in informed.values():
-            # Beside what other layers do one after the other.
-            original.begin()
+            # Beside what other layers do one after the other; its own layer tells what is wrong.
+            with suppress(CapacityError):
+                original.begin()
     done: list[Embedded] = []
     refused: list[tuple[str, CapacityError]] = []
     for layer in layers:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -141,7 +142,9 @@ class DetectInFrame:
         """
         frame = self.animation[index]
         found = anchors_if_any(frame.points, frame.faces, self.proxies)
-        self.distances.keep(index, found)
+        # If that fails, whoever asks for them is told.
+        with suppress(CapacityError):
+            self.distances.keep(index, found)
         return _vertices_and_persistence(found)
 
 
