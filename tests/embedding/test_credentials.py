@@ -173,7 +173,8 @@ def test_a_copy_is_signed_and_checked(run: Callable[..., Any]) -> None:
     assert "stamp" not in run("check", "copy.usdc")[1]
     # What travels with the copy tells nothing that an outsider could use.
     said = Path("copy.c2pa").read_bytes()
-    for word in (NAME, "Zo", "Acme", "horns", "copy", manifest["key_id"]):
+    # None is so short that a signature has it by chance.
+    for word in (NAME, "Acme", "horns", "copy", manifest["key_id"]):
         assert word.encode() not in said, word
     # The same call leaves both as they are.
     before = state()
