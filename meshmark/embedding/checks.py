@@ -21,6 +21,7 @@ from meshmark.mesh.animation import MeshAnimation
 from meshmark.mesh.asset import Asset
 from meshmark.metrics import Distortion, distortion
 from meshmark.metrics.surface_distance import default_samples
+from meshmark.workers.memory import give_back_memory
 from meshmark.workers.progress import MeshProgress
 
 # Frames of each mesh that are checked, and points of each surface that distances are taken at.
@@ -132,6 +133,8 @@ def verify_written(
         ),
     )
     alone = beside = None
+    # What planning took, and then what reading alone did, is not to stay beside what comes next.
+    give_back_memory()
     if blind:
         judged_alone = partial(
             _judge_alone, checked, key, blind, names, jobs=jobs, progress=progress
@@ -140,6 +143,7 @@ def verify_written(
         alone = judged_alone(FIRST_LOOK if few else EVERYTHING)
         if few and not _is_proven(alone, marked):
             alone = judged_alone(EVERYTHING)
+        give_back_memory()
     if informed:
         whole = replace(marked.original, meshes=tuple(mesh.original for mesh in marked.meshes))
         judged_beside = partial(

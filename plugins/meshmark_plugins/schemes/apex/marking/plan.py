@@ -49,7 +49,7 @@ MAX_POSES_PER_KEYFRAME = 20
 MIN_CHIPS = 40
 # Points of what is displaced that are remembered, of many frames or few: poses of a keyframe are
 # measured again and again.
-REMEMBERED_POINTS = 1_000_000
+REMEMBERED_POINTS = 400_000
 # Frames whose distortion is measured first, and points of the surface, to keep within the limit;
 # more frames are measured unless it is so many standard errors away.
 MRMS_FRAMES, MRMS_SAMPLES, MRMS_DOUBT = 4, 20_000, 2.0
