@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -12,7 +11,7 @@ from meshmark.mesh.animation import Frame, MeshAnimation
 from meshmark.mesh.breakdown import breakdown_means_no_capacity
 from meshmark.mesh.topology import Topology
 from meshmark.mesh.welding import Welding
-from meshmark.workers.beside import begin_beside
+from meshmark.workers.beside import Beside
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,7 @@ class OriginalLayout:
 
     original: MeshAnimation
     scheme: Any
-    _begun: Future[Any] | None = field(default=None, init=False, repr=False)
+    _begun: Beside[Any] | None = field(default=None, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         # What is made again where it is needed need not travel.
@@ -53,7 +52,7 @@ class OriginalLayout:
         return self._lay_out() if self._begun is None else self._begun.result()
 
     def begin(self) -> None:
-        """Lay chips out in a thread, until somebody asks where they lie.
+        """Lay chips out in a thread, until somebody asks where they lie; see `end`.
 
         Raises
         ------
@@ -62,7 +61,12 @@ class OriginalLayout:
         """
         # Files are read in one thread only.
         assert self._seen
-        object.__setattr__(self, "_begun", begin_beside(self._lay_out))
+        object.__setattr__(self, "_begun", Beside(self._lay_out))
+
+    def end(self) -> None:
+        """End what was begun, if nobody has asked for it."""
+        if self._begun is not None:
+            self._begun.end()
 
     def _lay_out(self) -> Any:
         with breakdown_means_no_capacity():

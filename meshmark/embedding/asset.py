@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -304,31 +304,32 @@ def _mark(
         for layer in layers
         if isinstance(layer.scheme, InformedScheme)
     }
-    if jobs > 1:
-        for original in informed.values():
+    done: list[Embedded] = []
+    refused: list[tuple[str, CapacityError]] = []
+    with ExitStack() as begun:
+        for original in informed.values() if jobs > 1 else ():
             # Beside what other layers do one after the other; its own layer tells what is wrong.
             with suppress(CapacityError):
                 original.begin()
-    done: list[Embedded] = []
-    refused: list[tuple[str, CapacityError]] = []
-    for layer in layers:
-        for_all = bool(informed) and layer.name not in informed
-        try:
-            embedded = embed_animation(
-                done[-1].animation if done else animation,
-                layer.scheme,
-                layer.name,
-                key,
-                recipient=None if for_all else recipient,
-                frames=frames,
-                original=informed.get(layer.name),
-                jobs=jobs,
-                progress=progress,
-            )
-        except CapacityError as error:
-            refused.append((layer.name, error))
-        else:
-            done.append(embedded)
+            begun.callback(original.end)
+        for layer in layers:
+            for_all = bool(informed) and layer.name not in informed
+            try:
+                embedded = embed_animation(
+                    done[-1].animation if done else animation,
+                    layer.scheme,
+                    layer.name,
+                    key,
+                    recipient=None if for_all else recipient,
+                    frames=frames,
+                    original=informed.get(layer.name),
+                    jobs=jobs,
+                    progress=progress,
+                )
+            except CapacityError as error:
+                refused.append((layer.name, error))
+            else:
+                done.append(embedded)
     if not done:
         raise refused[-1][1]
     return tuple(done), tuple((name, error.message) for name, error in refused)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
+import time
+from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from meshmark.detection.original_layout import OriginalLayout
 from meshmark.errors import CapacityError
 from meshmark.extension.recipe import Recipe
 from meshmark.mesh.animation import MeshAnimation
-from meshmark.workers.beside import begin_beside
+from meshmark.workers.beside import Beside
 
 
 def test_a_thread_works_until_somebody_asks():
@@ -24,24 +24,34 @@ def test_a_thread_works_until_somebody_asks():
         assert asked.wait(10.0)
         return threading.get_ident()
 
-    future = begin_beside(work)
-    assert not future.done()
+    beside = Beside(work)
     asked.set()
-    assert future.result(10.0) != threading.get_ident()
+    assert beside.result() != threading.get_ident()
+    beside.end()
 
 
 def test_what_goes_wrong_in_it_is_raised_where_somebody_asks():
     with pytest.raises(ZeroDivisionError):
-        begin_beside(lambda: 1 // 0).result(10.0)
+        Beside(lambda: 1 // 0).result()
 
 
-def test_a_process_does_not_wait_for_what_nobody_asks_for():
-    program = (
-        "import time; from meshmark.workers.beside import begin_beside;"
-        "begin_beside(lambda: time.sleep(60)); print('over')"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=30)
-    assert (done.returncode, done.stdout.split(), done.stderr) == (0, [b"over"], b"")
+def test_what_nobody_asks_for_is_ended():
+    began, seen = threading.Event(), []
+
+    def work() -> None:
+        began.set()
+        try:
+            for _ in range(6_000):
+                time.sleep(0.01)
+        finally:
+            seen.append("tidied")
+
+    beside = Beside(work)
+    assert began.wait(10.0)
+    beside.end()
+    assert seen == ["tidied"]
+    with pytest.raises(CancelledError):
+        beside.result()
 
 
 def test_a_layout_that_was_begun_is_the_same():
