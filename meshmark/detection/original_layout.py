@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from meshmark.extension.informed import layout_frame
@@ -49,7 +49,7 @@ class OriginalLayout:
     @cached_property
     def layout(self) -> Any:
         """Where chips lie: an `InformedLayout`."""
-        return self._lay_out() if self._begun is None else self._begun.result()
+        return self._lay_out(self._seen[1]) if self._begun is None else self._begun.result()
 
     def begin(self) -> None:
         """Lay chips out in a thread, until somebody asks where they lie; see `end`.
@@ -59,15 +59,15 @@ class OriginalLayout:
         CapacityError
             If no frame has a surface.
         """
-        # Files are read in one thread only.
-        assert self._seen
-        object.__setattr__(self, "_begun", Beside(self._lay_out))
+        # Files are read in this thread only.
+        _, frame = self._seen
+        object.__setattr__(self, "_begun", Beside(partial(self._lay_out, frame)))
 
     def end(self) -> None:
         """End what was begun, if nobody has asked for it."""
         if self._begun is not None:
             self._begun.end()
 
-    def _lay_out(self) -> Any:
+    def _lay_out(self, frame: Frame) -> Any:
         with breakdown_means_no_capacity():
-            return self.scheme.layout(self._seen[1])
+            return self.scheme.layout(frame)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +12,17 @@ import pytest
 from meshmark import verify
 from meshmark.demo import creature
 from meshmark.detection.verdict import Verdict
+from meshmark.embedding import layers
 from meshmark.embedding.asset import MarkedAsset, embed
 from meshmark.embedding.file import mark_file
-from meshmark.errors import CapacityError, UsageError
+from meshmark.errors import CapacityError, InputError, UsageError
 from meshmark.extension.recipe import Recipe, default_layers
 from meshmark.keys import Key
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.metrics import distortion
 from meshmark.sources.writing import writer
 from meshmark.testing.meshes import icosphere
+from meshmark_plugins.schemes.relief.scheme import Relief
 from rigged_stages import bent_tube
 
 KEY = Key(bytes(range(32)))
@@ -34,10 +38,10 @@ def original() -> MeshAnimation:
 @pytest.fixture(scope="module")
 def copies(original) -> dict[str, MarkedAsset]:
     # Given in the other order, which changes nothing.
-    layers = default_layers()
+    both = default_layers()
     return {
         name: embed(original, KEY, recipe=recipe, recipient=name)
-        for name, recipe in (("acme", layers), ("bob", layers[::-1]))
+        for name, recipe in (("acme", both), ("bob", both[::-1]))
     }
 
 
@@ -53,6 +57,26 @@ def points(asset) -> np.ndarray:
 def mrms(marked: MarkedAsset) -> float:
     [mesh] = marked.meshes
     return distortion(mesh.original, mesh.animation).mrms_rel
+
+
+def test_marking_that_fails_leaves_no_thread(original, monkeypatch) -> None:
+    """One that ran on could crash the process as it exits."""
+    began = threading.Event()
+
+    def endless(*_) -> None:
+        began.set()
+        while True:
+            time.sleep(0.01)
+
+    def fail(*_, **__) -> None:
+        assert began.wait(10.0)
+        raise InputError("unfit")
+
+    monkeypatch.setattr(Relief, "layout", endless)
+    monkeypatch.setattr(layers, "embed_animation", fail)
+    with pytest.raises(InputError, match="unfit"):
+        embed(original, KEY, recipe=default_layers(), jobs=2)
+    assert "meshmark-beside" not in [thread.name for thread in threading.enumerate()]
 
 
 def test_the_blind_layer_is_the_same_in_all_copies(copies) -> None:
