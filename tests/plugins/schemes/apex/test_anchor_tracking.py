@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
+from meshmark.errors import OutputError
 from meshmark.mesh.animation import MeshAnimation
 from meshmark.testing.meshes import bumpy_sphere, capsule
 from meshmark.workers.scratch import DOUBLE, ScratchFile
@@ -136,6 +137,10 @@ def test_distances_from_anchors_are_kept_for_each_pose():
         np.testing.assert_allclose(found.from_some(some), wanted.H[[3, 1]], atol=1e-6)
     # Of what was not looked at, nothing is known.
     assert there.of(2) == []
+    del anchors
+    assert not there.path.exists()
+    with pytest.raises(OutputError, match="TMPDIR can name another folder"):
+        there.keep(0, [])
 
 
 def test_tips_on_an_open_border_are_left_out():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,7 +92,7 @@ class PoseDistances:
         try:
             self._file(pose).write_bytes(pickle.dumps(measured))
         except OSError as error:
-            raise OutputError(no_room(error), source=self.path.parent) from None
+            raise OutputError(no_room(error), source=tempfile.gettempdir()) from None
 
     def of(self, pose: int) -> list[KeptDistances]:
         """Return those of a pose, component by component; none where no anchor was detected."""
