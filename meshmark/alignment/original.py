@@ -21,7 +21,7 @@ from meshmark.mesh.skinning import Skinning
 from meshmark.mesh.welding import Welding
 
 PAIRS = 1000
-# Frames.
+# Frames that are kept.
 REMEMBERED = 6
 
 

@@ -9,6 +9,10 @@ from meshmark.kernels import compiled
 from meshmark.mesh.closest_in_triangle import closest_in_triangle
 from meshmark.mesh.topology import boundary_edges, faces_about_vertices
 
+# How far from its query a walk may end, in roots of a triangle's area, should there be a closer
+# place beyond a bend.
+WALK_TOLERANCE = 0.07
+
 
 def walk_to_closest(
     V: FloatArray, F: IntArray, Q: FloatArray, near: IntArray, tolerance: FloatArray

@@ -14,15 +14,13 @@ from meshmark.mesh.deformation import Deformation
 from meshmark.mesh.flip_guard import allowed_shares
 from meshmark.mesh.geometry import face_areas
 from meshmark.mesh.proxy import Proxy
+from meshmark.mesh.surface_walk import WALK_TOLERANCE
 from meshmark.mesh.topology import Topology, face_components, faces_about_vertices
 from meshmark.mesh.triangle_search import search_order
 
 # Way, in moves, over which moves grow about a vertex that must not move: a third of their length
 # an own length, which is far from turning a face over.
 RAMP = 3.0
-# How far from where it was to go a vertex may be laid down, in roots of a triangle's area, should
-# there be a closer place beyond a bend.
-TOLERANCE = 0.07
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +120,7 @@ class DisplacementTransfer:
             The triangle of the surface that its whole move would end in.
         """
         moved = P + self.moves(P, d, shares)
-        tolerance = TOLERANCE * np.sqrt(face_areas(P, self.F))[self._faces]
+        tolerance = WALK_TOLERANCE * np.sqrt(face_areas(P, self.F))[self._faces]
         face = original.faces_near(moved, self._faces, tolerance)
         wanted = original.points_in(face, moved)
         share = allowed_shares(P, wanted, self.F, np.inf, ramp=RAMP)

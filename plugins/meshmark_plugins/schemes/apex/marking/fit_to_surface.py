@@ -9,15 +9,13 @@ from meshmark.arrays import FloatArray, IntArray
 from meshmark.kernels import compiled
 from meshmark.mesh.closest_points import ClosestPoints
 from meshmark.mesh.geometry import area_vectors, face_areas, normalized, vertex_normals
+from meshmark.mesh.surface_walk import WALK_TOLERANCE
 from meshmark_plugins.schemes.apex.linear_algebra.conjugate_gradients import conjugate_gradients
 
 CG_ITERATIONS = 8
 CG_TOLERANCE = 1e-6
 # Weight of staying, beside that of fitting: vertices that no sample tells apart stay.
 FIT_DAMPING = 0.02
-# How far from its sample, in roots of the triangle's area, the plane may be that draws it, should a
-# closer one be beyond a bend. Without a limit, 2.5 % of the cow's vertices were held back, not .2.
-FIT_TOLERANCE = 0.07
 # Points of a triangle that are to lie on the original, in barycentric coordinates.
 _TRIANGLE_SAMPLES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 
@@ -55,7 +53,8 @@ def fit_to_surface(
        and Vision Computing 10(3), 1992. doi:10.1016/0262-8856(92)90066-C
     """
     samples = points_of_triangles(V, F, _TRIANGLE_SAMPLES)
-    tolerance = FIT_TOLERANCE * np.sqrt(face_areas(V, F)).repeat(len(_TRIANGLE_SAMPLES))
+    # Without a limit, 2.5 % of the cow's vertices were held back, not .2.
+    tolerance = WALK_TOLERANCE * np.sqrt(face_areas(V, F)).repeat(len(_TRIANGLE_SAMPLES))
     # Each sample is nearest to one corner.
     face = original.faces_near(samples.reshape(-1, 3), near[F.ravel()], tolerance)
     return fitted_to_planes(
